@@ -1,0 +1,61 @@
+#include <cstdio>
+#include <exception>
+
+#include "commands.h"
+
+namespace {
+
+int exit_code(raysfm::ErrorKind kind) {
+  switch (kind) {
+    case raysfm::ErrorKind::kBadInput: return 2;
+    case raysfm::ErrorKind::kNoReconstruction: return 3;
+    case raysfm::ErrorKind::kInternal: return 1;
+  }
+  return 1;
+}
+
+int run(int argc, char** argv) {
+  using namespace raysfm::app;
+  CLI::App program{"raysfm: camera poses and a map from video, whatever the camera", "raysfm"};
+  program.set_version_flag("--version", RAYSFM_VERSION);
+  program.require_subcommand(1);
+  program.fallthrough();
+
+  CommonOptions common;
+  program.add_flag("--quiet", common.quiet, "print nothing but errors");
+  program.add_option("--threads", common.threads, "worker threads; 0 for as many as the machine has")
+      ->check(CLI::Range(0, 1024));
+  program.add_option("--seed", common.seed, "seed of every random choice");
+  program.add_option("--config", common.config, "YAML file with options; flags win over it");
+
+  const std::pair<const char*, Command> commands[] = {
+      {"track", add_track(program, common)},
+      {"eval", add_eval(program, common)},
+      {"synth", add_synth(program, common)},
+  };
+
+  try {
+    program.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return program.exit(e) == 0 ? 0 : 2;
+  }
+  for (const auto& [name, command] : commands) {
+    if (!program.got_subcommand(name)) continue;
+    const raysfm::Result<int> result = command();
+    if (result) return *result;
+    std::fprintf(stderr, "raysfm %s: %s\n", name, result.error().message.c_str());
+    return exit_code(result.error().kind);
+  }
+  return 2;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "raysfm: internal error: %s\n", e.what());
+    return 1;
+  }
+}

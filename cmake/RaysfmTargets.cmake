@@ -1,0 +1,53 @@
+# raysfm_add_library(FOLDER [DEPENDS target...] [PRIVATE target...] [TEST_DEPENDS target...])
+#
+# One folder of src/raysfm is one library: every .cpp beside the CMakeLists.txt, less the tests.
+# FOLDER_test holds every *_test.cpp and is registered with CTest.
+function(raysfm_add_library folder)
+  cmake_parse_arguments(ARG "" "" "DEPENDS;PRIVATE;TEST_DEPENDS" ${ARGN})
+  file(GLOB sources CONFIGURE_DEPENDS *.cpp)
+  file(GLOB headers CONFIGURE_DEPENDS *.h)
+  file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
+  list(FILTER sources EXCLUDE REGEX "_test\\.cpp$")
+
+  set(target raysfm_${folder})
+  if(sources)
+    add_library(${target} STATIC ${sources} ${headers})
+    target_include_directories(${target} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src>
+                                                $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+    target_link_libraries(${target} PUBLIC ${ARG_DEPENDS} PRIVATE ${ARG_PRIVATE})
+    raysfm_compile_options(${target})
+  else()
+    add_library(${target} INTERFACE)
+    target_include_directories(${target} INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src>
+                                                   $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+    target_link_libraries(${target} INTERFACE ${ARG_DEPENDS} ${ARG_PRIVATE})
+  endif()
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${folder})
+  add_library(raysfm::${folder} ALIAS ${target})
+  set_property(GLOBAL APPEND PROPERTY RAYSFM_LIBRARIES ${target})
+
+  if(RAYSFM_BUILD_TESTS AND tests)
+    add_executable(${folder}_test ${tests})
+    target_include_directories(${folder}_test PRIVATE ${PROJECT_SOURCE_DIR}/tests)
+    target_compile_definitions(${folder}_test PRIVATE
+      RAYSFM_SHARED_DATA_DEFAULT="${PROJECT_SOURCE_DIR}/../shared/data")
+    target_link_libraries(${folder}_test PRIVATE ${target} ${ARG_TEST_DEPENDS} GTest::gtest_main)
+    raysfm_compile_options(${folder}_test)
+    gtest_discover_tests(${folder}_test TEST_PREFIX "${folder}/" DISCOVERY_TIMEOUT 60
+                         PROPERTIES TIMEOUT 600)
+  endif()
+endfunction()
+
+function(raysfm_compile_options target)
+  target_compile_options(${target} PRIVATE -Wall -Wextra)
+  if(RAYSFM_WARNINGS_AS_ERRORS)
+    target_compile_options(${target} PRIVATE -Werror)
+  endif()
+  # Results must not depend on whether the compiler chose to fuse a multiplication and an addition.
+  target_compile_options(${target} PRIVATE -ffp-contract=off)
+  if(RAYSFM_SANITIZE)
+    target_compile_options(${target} PRIVATE -fsanitize=${RAYSFM_SANITIZE} -fno-sanitize-recover=all
+                                             -fno-omit-frame-pointer)
+    target_link_options(${target} PRIVATE -fsanitize=${RAYSFM_SANITIZE})
+  endif()
+endfunction()

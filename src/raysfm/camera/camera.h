@@ -1,0 +1,61 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "raysfm/camera/pinhole.h"
+#include "raysfm/camera/radtan.h"
+#include "raysfm/camera/rational.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/geometry/ray.h"
+
+namespace raysfm {
+
+using CameraModel = std::variant<Pinhole, Radtan, Rational>;
+
+// Rectangle of pixels; empty (w = 0) stands for the whole image.
+struct Roi {
+  int x = 0, y = 0, w = 0, h = 0;
+};
+
+// One camera of a rig: a function from pixels to rays, and back where the model can project.
+struct Camera {
+  std::string name;
+  CameraModel model;
+  int width = 0;   // pixels
+  int height = 0;  // pixels
+  Rigid3 rig_from_cam;
+  int stream = 0;
+  Roi roi;
+  std::string mask_path;  // empty: none
+
+  // Ray of a pixel in the camera's frame. False where the pixel sees nothing (outside the valid set).
+  bool ray(const Eigen::Vector2d& pixel, Ray* ray) const;
+
+  // Pixel of a point in the camera's frame. False, leaving the outputs unspecified, where the point is outside
+  // the valid set of the model (behind a perspective camera, or beyond the monotonic range of the distortion).
+  // The pixel may lie outside the image. `jacobian`, when not null, is d pixel / d point.
+  bool project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
+               Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
+
+  bool contains(const Eigen::Vector2d& pixel) const {
+    return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;
+  }
+
+  // Pixels per radian near the centre of the image: the conversion between pixel and angular thresholds.
+  double pixels_per_radian() const;
+};
+
+// Cameras that move together; poses of a rig are rig_from_world / world_from_rig. A monocular camera is a rig
+// of one.
+struct Rig {
+  std::vector<Camera> cameras;
+};
+
+// Name of the model as in the camera file, e.g. "radtan".
+std::string_view model_name(const CameraModel& model);
+
+}  // namespace raysfm

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <functional>
+#include <string>
+
+namespace raysfm {
+
+// What the library tells its caller while it works. The library itself never prints.
+struct Event {
+  enum class Level { kInfo, kWarning };
+  Level level = Level::kInfo;
+  std::string message;  // one line, without a full stop
+};
+
+using EventSink = std::function<void(const Event&)>;
+
+}  // namespace raysfm

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <condition_variable>
+#include <functional>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <queue>
+#include <thread>
+#include <vector>
+
+namespace raysfm {
+
+// Fixed set of worker threads. With zero workers, work runs in the calling thread, so one code path serves
+// any number of threads and results cannot depend on it.
+class ThreadPool {
+ public:
+  explicit ThreadPool(int workers);
+  ~ThreadPool();
+  ThreadPool(const ThreadPool&) = delete;
+  ThreadPool& operator=(const ThreadPool&) = delete;
+
+  int workers() const { return static_cast<int>(threads_.size()); }
+
+  // Runs `work` on a worker and hands its value over. With zero workers the future is already fulfilled.
+  template <typename Work>
+  auto submit(Work work) -> std::future<decltype(work())> {
+    auto task = std::make_shared<std::packaged_task<decltype(work())()>>(std::move(work));
+    auto future = task->get_future();
+    enqueue([task] { (*task)(); });
+    return future;
+  }
+
+  // Calls body(i) for i in [0, count), in any order, and returns when all have run. The calling thread takes
+  // part. The body must not depend on the order and must not throw.
+  void parallel_for(int count, const std::function<void(int)>& body);
+
+ private:
+  void enqueue(std::function<void()> work);
+  void run();
+
+  std::vector<std::jthread> threads_;
+  std::queue<std::function<void()>> queue_;
+  std::mutex mutex_;
+  std::condition_variable available_;
+  bool stopping_ = false;
+};
+
+}  // namespace raysfm

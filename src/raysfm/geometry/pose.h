@@ -1,0 +1,41 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "raysfm/geometry/rotation.h"
+
+namespace raysfm {
+
+// Rigid motion. A variable of this type is named b_from_a: x_in_b = b_from_a * x_in_a.
+struct Rigid3 {
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();  // unit
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  Eigen::Vector3d operator*(const Eigen::Vector3d& x) const { return rotation * x + translation; }
+  Rigid3 operator*(const Rigid3& b) const {
+    return {(rotation * b.rotation).normalized(), rotation * b.translation + translation};
+  }
+  Rigid3 inverse() const {
+    const Eigen::Quaterniond r = rotation.conjugate();
+    return {r, -(r * translation)};
+  }
+};
+
+// Tangent of a pose b_from_a: (translation, rotation), applied on the left, in frame b:
+// exp(delta) * pose has rotation exp(w) R and translation exp(w) t + v. See docs/conventions.md.
+inline Rigid3 retract(const Rigid3& b_from_a, const Eigen::Matrix<double, 6, 1>& delta) {
+  const Eigen::Quaterniond r = exp_so3(delta.tail<3>());
+  return {(r * b_from_a.rotation).normalized(), r * b_from_a.translation + delta.head<3>()};
+}
+
+// Similarity: x_in_b = scale * rotation * x_in_a + translation.
+struct Similarity3 {
+  double scale = 1.0;
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  Eigen::Vector3d operator*(const Eigen::Vector3d& x) const { return scale * (rotation * x) + translation; }
+};
+
+}  // namespace raysfm

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/geometry/pose.h"
+
+namespace raysfm {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+// One frame of the input. `world_from_rig` is empty where the frame could not be posed; `reason` then says why.
+struct PosedFrame {
+  double timestamp = 0;  // seconds
+  int segment = -1;      // index into Reconstruction::segments, -1 without a pose
+  std::optional<Rigid3> world_from_rig;
+  Matrix6d covariance = Matrix6d::Zero();  // of world_from_rig, tangent (v, w) as in docs/conventions.md
+  std::string reason;
+  std::string image_name;  // name of the image file or "frame_000012"
+};
+
+// A key frame's observations are the range [first_observation, last_observation) of Reconstruction::observations.
+struct KeyFrame {
+  int frame = 0;  // index into Reconstruction::frames
+  int first_observation = 0;
+  int last_observation = 0;
+};
+
+struct Observation {
+  int point = 0;   // index into Reconstruction::points
+  int camera = 0;  // index into Rig::cameras
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+struct MapPoint {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world frame of its segment
+  std::array<uint8_t, 3> rgb = {128, 128, 128};
+  int segment = 0;
+};
+
+// A stretch of the input with one world frame and one scale. Segments do not share a world.
+struct Segment {
+  int first = 0;  // frame indices, inclusive
+  int last = 0;
+  std::string reason;  // why it ended: "end of input", or why track was lost
+};
+
+// How a segment began (LBA09 2.2).
+struct StartSummary {
+  std::string method;       // e.g. "five-point"
+  std::vector<int> frames;  // frame indices of the views used
+  int inliers = 0;          // points that survived
+};
+
+struct Reconstruction {
+  Rig rig;
+  bool metric_scale = false;
+  std::vector<PosedFrame> frames;  // one per frame of the input, in time order
+  std::vector<KeyFrame> keyframes;
+  std::vector<Observation> observations;
+  std::vector<MapPoint> points;
+  std::vector<Segment> segments;
+  std::vector<StartSummary> starts;  // one per segment
+  double rms_reprojection_px = 0;    // over `observations`
+};
+
+}  // namespace raysfm
