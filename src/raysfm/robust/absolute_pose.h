@@ -1,0 +1,90 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/optim/robust_loss.h"
+
+namespace raysfm {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+// Squared radius of the 90 % confidence ellipsoid of a position: x^T C^-1 x <= 6.25 (LBA09 2.3).
+inline constexpr double kEllipsoid90 = 6.25;
+
+// Known points and where a rig saw them: flat arrays of one length.
+struct PoseObservations {
+  std::span<const Eigen::Vector3d> points_in_world;
+  std::span<const Eigen::Vector2d> pixels;
+  std::span<const int> cameras;  // index into Rig::cameras; empty: all in camera 0
+};
+
+struct PoseOptions {
+  double max_error_px = 3.0;  // > 0: reprojection error of an inlier
+  int min_inliers = 12;       // >= 4: fewer is a failure
+  int max_iterations = 1000;  // samples
+  double confidence = 0.999;  // in (0, 1)
+  // A prior pose that explains at least this part of the observations is taken without drawing samples.
+  double prior_inlier_ratio = 0.7;
+  int max_refinements = 20;                        // Levenberg-Marquardt iterations
+  RobustLoss loss{RobustLoss::Kind::kHuber, 1.0};  // scale in pixels
+  uint64_t seed = 0;
+  uint64_t stream = 0;
+};
+
+enum class PoseProblem {
+  kNone,
+  kTooFewObservations,  // fewer than min_inliers were given, or none has a ray
+  kTooFewInliers,       // no pose explains min_inliers of them
+  kDegenerate,          // the points do not determine the pose: J^T J is singular
+};
+
+struct PoseEstimate {
+  PoseProblem problem = PoseProblem::kTooFewObservations;
+  Rigid3 rig_from_world;
+  std::vector<uint8_t> inlier;  // one per observation, 0 or 1
+  int inlier_count = 0;
+  // Of the tangent of rig_from_world, see retract(); points held fixed: sigma_px^2 (J^T J)^-1.
+  Matrix6d covariance = Matrix6d::Zero();
+  double sigma_px = 0;  // standard deviation of one coordinate of the inliers' residuals, robust
+  int iterations = 0;   // samples drawn; 0: the prior was taken
+
+  bool ok() const { return problem == PoseProblem::kNone; }
+};
+
+// The covariance as covariance.csv holds it (docs/conventions.md): of the position and orientation of the rig
+// in the world's axes. The first 3x3 block is the covariance C of the position; the 90 % ellipsoid is
+// x^T C^-1 x <= kEllipsoid90.
+Matrix6d covariance_in_world(const Rigid3& rig_from_world, const Matrix6d& covariance);
+
+// Estimates poses; keeps its buffers from call to call, so that a frame costs no allocation once the largest
+// frame has been seen. One per thread.
+class PoseEstimator {
+ public:
+  PoseEstimator();
+  ~PoseEstimator();
+  PoseEstimator(PoseEstimator&&) noexcept;
+  PoseEstimator& operator=(PoseEstimator&&) noexcept;
+
+  // Robust pose (LBA09 2.3): RANSAC over three-point samples on the angular error weighted to pixels, then
+  // refine(). `prior` may be null; it is the first hypothesis and never trusted beyond its score.
+  // Observations whose pixel has no ray are never inliers.
+  void estimate(const Rig& rig, const PoseObservations& observations, const Rigid3* prior,
+                const PoseOptions& options, PoseEstimate* result);
+
+  // Levenberg-Marquardt over the six parameters on the pixel residuals of the observations marked in
+  // result->inlier, from result->rig_from_world; updates the inliers on the way, then covariance and sigma.
+  void refine(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
+              PoseEstimate* result);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raysfm/geometry/pose.h"
+
+namespace raysfm {
+
+// Why three views do not start a reconstruction.
+enum class StartProblem {
+  kNone,
+  kTooFewMatches,      // fewer than min_matches were given
+  kNoMotion,           // the images hardly differ
+  kRotationOnly,       // a rotation without translation explains the matches as well
+  kTooFewInliers,      // no rigid motion explains enough of the matches
+  kTooLittleParallax,  // a motion was found, but the points are too far for their depths to be known
+};
+
+struct ThreeViewOptions {
+  double max_error = 1e-3;  // radians: an inlier's largest angular error; e.g. 1.5 pixel / pixels_per_radian
+  int min_matches = 30;     // >= 5
+  int min_inliers = 25;     // >= 5
+  double min_inlier_ratio = 0.4;   // in (0, 1]
+  double min_displacement = 5e-3;  // radians: median angle between the bearings of views 0 and 2
+  double min_parallax = 3e-3;      // radians: median parallax of the inliers between views 0 and 2
+  double rotation_advantage =
+      0.85;  // rotation-only inliers / inliers of the full model above which it is a rotation
+  int max_iterations = 500;
+  double confidence = 0.9999;
+  uint64_t seed = 0;
+  uint64_t stream = 0;
+};
+
+struct ThreeViewStart {
+  StartProblem problem = StartProblem::kTooFewMatches;
+  Rigid3 cam1_from_cam0;
+  Rigid3 cam2_from_cam0;                        // |translation| = 1
+  std::vector<Eigen::Vector3d> points_in_cam0;  // one per match; meaningful where inlier
+  std::vector<uint8_t> inlier;                  // one per match, 0 or 1
+  int inlier_count = 0;
+
+  // The figures behind the diagnosis, radians; filled as far as the search went.
+  double median_displacement = 0;  // between views 0 and 2, rotation included
+  double median_parallax = 0;      // of the inliers between views 0 and 2, rotation removed
+  double rms_error = 0;            // angular error of the inliers in the three views
+  int rotation_inliers = 0;        // matches that a pure rotation explains
+  int iterations = 0;
+
+  bool ok() const { return problem == StartProblem::kNone; }
+};
+
+// Motion of a central camera over three views and the points seen (LBA09 2.2). Unit bearings of the same
+// points in the three views, view 0 and view 2 the farthest apart; the frame of view 0 is the world. RANSAC:
+// five points between views 0 and 2, triangulation, resection of view 1 from the same five, score in all
+// three views; three views remove the second solution that coplanar points leave to two. The best
+// model is refined (both poses and all points). The spans have one length.
+ThreeViewStart start_from_three_views(std::span<const Eigen::Vector3d> bearings0,
+                                      std::span<const Eigen::Vector3d> bearings1,
+                                      std::span<const Eigen::Vector3d> bearings2,
+                                      const ThreeViewOptions& options);
+
+// One line for people, with the figures, e.g. "rotation without translation explains 98 % of 310 matches".
+std::string describe(const ThreeViewStart& start);
+
+}  // namespace raysfm
