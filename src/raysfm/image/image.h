@@ -7,8 +7,8 @@
 
 namespace raysfm {
 
-// Rows of pixels that somebody else owns. Row r starts at data + r * stride (in elements). Pixel (x, y) covers
-// [x - 0.5, x + 0.5) x [y - 0.5, y + 0.5): centres are at integers.
+// Rows of pixels that somebody else owns. Row r starts at data + r * stride (in elements). Pixel (x, y)
+// covers [x - 0.5, x + 0.5) x [y - 0.5, y + 0.5): centres are at integers.
 template <typename T>
 struct ImageView {
   T* data = nullptr;
@@ -32,8 +32,10 @@ class Image {
   Image() = default;
   // Pixels are not initialised. width, height >= 0 and width * height * sizeof(T) < 2^31.
   Image(int width, int height)
-      : width_(width), height_(height), stride_(padded(width)),
-        data_(static_cast<T*>(::operator new(stride_ * height * sizeof(T) + 64, std::align_val_t{64}))) {}
+      : width_(width),
+        height_(height),
+        stride_(padded(width)),
+        data_(static_cast<T*>(::operator new (stride_* height * sizeof(T) + 64, std::align_val_t{64}))) {}
 
   int width() const { return width_; }
   int height() const { return height_; }
@@ -47,7 +49,7 @@ class Image {
 
  private:
   struct Free {
-    void operator()(T* p) const { ::operator delete(p, std::align_val_t{64}); }
+    void operator()(T* p) const { ::operator delete (p, std::align_val_t{64}); }
   };
   static ptrdiff_t padded(int width) {
     constexpr ptrdiff_t kStep = 64 / sizeof(T);
