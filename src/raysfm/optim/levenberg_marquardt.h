@@ -1,0 +1,115 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string_view>
+
+namespace raysfm {
+
+// Why a minimisation ended.
+enum class Termination : uint8_t {
+  kConverged,       // an accepted step lowered the cost by less than min_relative_decrease of it
+  kMaxIterations,   // the last allowed step was still a good one
+  kNoProgress,      // no damping gives a step that lowers the cost
+  kNothingToDo,     // nothing free, or no usable observation
+  kInvalidProblem,  // sizes or indices that contradict each other; nothing was changed
+};
+
+constexpr std::string_view to_string(Termination termination) {
+  switch (termination) {
+    case Termination::kConverged:
+      return "converged";
+    case Termination::kMaxIterations:
+      return "max iterations";
+    case Termination::kNoProgress:
+      return "no progress";
+    case Termination::kNothingToDo:
+      return "nothing to do";
+    case Termination::kInvalidProblem:
+      return "invalid problem";
+  }
+  return "unknown";
+}
+
+struct LmOptions {
+  int max_iterations = 10;              // linear solves, whether or not their step is accepted
+  double min_relative_decrease = 1e-6;  // stop when an accepted step lowers the cost by less than this share
+  double initial_damping = 1e-4;        // lambda, relative to the diagonal of the normal equations
+};
+
+struct LmSummary {
+  double initial_cost = 0;
+  double final_cost = 0;
+  int iterations = 0;  // linear solves
+  Termination termination = Termination::kNothingToDo;
+};
+
+// What a step of the linearised problem promises: `decrease` is the cost lost by the quadratic model.
+struct LmStep {
+  bool valid = false;  // false: the damped system is not positive definite
+  double decrease = 0;
+};
+
+// Cost before and after a step, over the same set of observations; `after` is infinite for a step that must
+// not be taken.
+struct LmTrial {
+  double before = 0;
+  double after = 0;
+};
+
+// Levenberg-Marquardt minimisation with Marquardt's scaling of the damping (lambda times the diagonal of the
+// normal equations) and Nielsen's update of lambda. The cost never rises. `Problem` owns the state:
+//   double linearize()          normal equations at the current state; returns the cost there
+//   LmStep solve(double lambda)  step of the damped system
+//   LmTrial evaluate()          cost of the current state moved by the step
+//   void accept()               makes the moved state the current one
+template <typename Problem>
+LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
+  constexpr double kMinDamping = 1e-10, kMaxDamping = 1e12;
+  LmSummary summary;
+  double cost = problem.linearize();
+  summary.initial_cost = summary.final_cost = cost;
+  if (!(cost > 0) || !std::isfinite(cost)) {
+    summary.termination = cost == 0 ? Termination::kConverged : Termination::kNoProgress;
+    return summary;
+  }
+  summary.termination = Termination::kMaxIterations;
+  double damping = options.initial_damping, growth = 2.0;
+  bool stale = false;  // whether the state moved since the last linearisation
+  while (summary.iterations < options.max_iterations) {
+    if (stale) problem.linearize();
+    stale = false;
+    ++summary.iterations;
+    const LmStep step = problem.solve(damping);
+    const LmTrial trial = step.valid ? problem.evaluate() : LmTrial{cost, INFINITY};
+    if (trial.after <= trial.before) {  // false for NaN
+      problem.accept();
+      stale = true;
+      const double decrease = trial.before - trial.after;
+      summary.final_cost = cost = trial.after;
+      if (decrease <= options.min_relative_decrease * trial.before) {
+        summary.termination = Termination::kConverged;
+        break;
+      }
+      const double gain = 2.0 * decrease / step.decrease - 1.0;
+      damping = std::max(kMinDamping, damping * std::max(1.0 / 3.0, 1.0 - gain * gain * gain));
+      growth = 2.0;
+    } else {
+      // A step that promises nothing and gives nothing is the bottom, as far as doubles can tell.
+      if (step.valid && step.decrease <= options.min_relative_decrease * cost) {
+        summary.termination = Termination::kConverged;
+        break;
+      }
+      damping *= growth;
+      growth *= 2.0;
+      if (damping > kMaxDamping) {
+        summary.termination = Termination::kNoProgress;
+        break;
+      }
+    }
+  }
+  return summary;
+}
+
+}  // namespace raysfm
