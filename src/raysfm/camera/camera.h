@@ -16,7 +16,8 @@ namespace raysfm {
 
 using CameraModel = std::variant<Pinhole, Radtan, Rational>;
 
-// Rectangle of pixels; empty (w = 0) stands for the whole image.
+// Rectangle of pixels of a stream that a camera's image is; empty (w = 0) stands for the whole image. A
+// camera with a roi has width = w and height = h, and its pixels are counted from the corner (x, y).
 struct Roi {
   int x = 0, y = 0, w = 0, h = 0;
 };
@@ -35,9 +36,9 @@ struct Camera {
   // Ray of a pixel in the camera's frame. False where the pixel sees nothing (outside the valid set).
   bool ray(const Eigen::Vector2d& pixel, Ray* ray) const;
 
-  // Pixel of a point in the camera's frame. False, leaving the outputs unspecified, where the point is outside
-  // the valid set of the model (behind a perspective camera, or beyond the monotonic range of the distortion).
-  // The pixel may lie outside the image. `jacobian`, when not null, is d pixel / d point.
+  // Pixel of a point in the camera's frame. False, leaving the outputs unspecified, where the point is
+  // outside the valid set of the model (behind a perspective camera, or beyond the monotonic range of the
+  // distortion). The pixel may lie outside the image. `jacobian`, when not null, is d pixel / d point.
   bool project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
                Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
 
@@ -46,6 +47,7 @@ struct Camera {
   }
 
   // Pixels per radian near the centre of the image: the conversion between pixel and angular thresholds.
+  // Zero where no pixel sees anything.
   double pixels_per_radian() const;
 };
 

@@ -1,0 +1,65 @@
+#include "raysfm/camera/camera.h"
+
+#include <cmath>
+#include <limits>
+
+namespace raysfm {
+namespace {
+
+// Solid angle of one pixel around `pixel`; false where it sees nothing.
+bool solid_angle(const Camera& camera, const Eigen::Vector2d& pixel, double* steradians) {
+  Ray left, right, top, bottom;
+  if (!camera.ray(pixel - Eigen::Vector2d(0.5, 0), &left) ||
+      !camera.ray(pixel + Eigen::Vector2d(0.5, 0), &right) ||
+      !camera.ray(pixel - Eigen::Vector2d(0, 0.5), &top) ||
+      !camera.ray(pixel + Eigen::Vector2d(0, 0.5), &bottom)) {
+    return false;
+  }
+  *steradians = (right.direction - left.direction).cross(bottom.direction - top.direction).norm();
+  return *steradians > 0;
+}
+
+}  // namespace
+
+bool Camera::ray(const Eigen::Vector2d& pixel, Ray* ray) const {
+  return std::visit([&](const auto& m) { return model_ray(m, pixel, ray); }, model);
+}
+
+bool Camera::project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
+                     Eigen::Matrix<double, 2, 3>* jacobian) const {
+  return std::visit(
+      [&](const auto& m) {
+        if constexpr (ProjectiveModel<std::decay_t<decltype(m)>>) {
+          return m.project(point_in_cam, pixel, jacobian);
+        } else {
+          return false;
+        }
+      },
+      model);
+}
+
+double Camera::pixels_per_radian() const {
+  // The centre of the image may see nothing (a mirror's camera sees itself there): take the pixel of a coarse
+  // grid that is nearest to it.
+  constexpr int kGrid = 16;
+  const Eigen::Vector2d centre(0.5 * (width - 1), 0.5 * (height - 1));
+  double steradians = 0;
+  if (solid_angle(*this, centre, &steradians)) return 1 / std::sqrt(steradians);
+  double nearest = std::numeric_limits<double>::infinity();
+  double result = 0;
+  for (int i = 0; i < kGrid * kGrid; ++i) {
+    const Eigen::Vector2d pixel((i % kGrid + 0.5) * width / kGrid, (i / kGrid + 0.5) * height / kGrid);
+    const double distance = (pixel - centre).norm();
+    if (distance < nearest && solid_angle(*this, pixel, &steradians)) {
+      nearest = distance;
+      result = 1 / std::sqrt(steradians);
+    }
+  }
+  return result;
+}
+
+std::string_view model_name(const CameraModel& model) {
+  return std::visit([](const auto& m) { return m.kName; }, model);
+}
+
+}  // namespace raysfm
