@@ -1,0 +1,30 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/core/result.h"
+
+namespace raysfm {
+
+// Cameras of a file. Its content decides how it is read:
+//   the project's YAML (raysfm_camera: 1), Kalibr camchain (also in OpenVINS' form), EuRoC sensor.yaml,
+//   OpenCV FileStorage (YAML, XML; single and stereo), KITTI calib.txt, COLMAP cameras.txt.
+// Where a format does not say the size of the images (KITTI, some of OpenCV's), width and height are 0 and
+// the caller takes them from the images. Paths of masks are resolved against the folder of the file. Errors:
+// bad input, one line with file, field, value and what is allowed.
+Result<Rig> read_camera_file(const std::filesystem::path& path);
+
+// The same for text that is already in memory; `path` is used in messages and to resolve the paths of masks.
+Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path& path);
+
+// Writes the project's YAML, beside the final name first and then renamed. Paths of masks are written as they
+// are.
+Result<void> write_camera_file(const Rig& rig, const std::filesystem::path& path);
+
+// The text of that file.
+std::string format_camera_file(const Rig& rig);
+
+}  // namespace raysfm

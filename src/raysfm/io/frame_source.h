@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/core/result.h"
+#include "raysfm/image/image.h"
+
+namespace raysfm {
+
+struct InputFrame {
+  int index = 0;         // 0, 1, 2, ... in its stream
+  double timestamp = 0;  // seconds: from the container or the layout, else index / fps, else index
+  std::string name;      // file name without folders, or "frame-000012" for a video
+  GrayImage gray;
+  Image<uint8_t> bgr;  // blue, green, red of a pixel side by side: width 3 * gray.width(); empty when the
+                       // source is grey
+};
+
+// One stream of frames. All frames of a stream have the size of its first. An object may be handed from
+// thread to thread, but only one may call it at a time.
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+
+  // The next frame; nullopt at the end. After an error the stream is at its end.
+  virtual Result<std::optional<InputFrame>> next() = 0;
+
+  // Number of frames, -1 where only reading to the end would tell. A video's count is what its container
+  // says.
+  virtual int frame_count() const = 0;
+
+  // One line for the user, e.g. "video.mp4: h264, 640x480, 30 frames/s".
+  virtual std::string description() const = 0;
+
+  // What the user should know about the stream though it is no error, e.g. that a video is cut short. Empty:
+  // nothing. Complete once next() has returned nullopt.
+  virtual std::string note() const { return {}; }
+};
+
+struct InputOptions {
+  double fps = 0;  // frames per second of inputs without timestamps, and of videos when given; 0: not given
+  bool mono = false;  // the first camera only of a layout that has several
+};
+
+// Everything that the inputs of the command line hold.
+struct Input {
+  std::vector<std::unique_ptr<FrameSource>> streams;  // at least one
+  std::optional<Rig> calibration;                     // found beside the images
+  std::string
+      layout;  // of the first input: "video", "images", "sequence", "kitti", "euroc", "tum-rgbd", "device"
+  std::optional<std::filesystem::path> truth;  // trajectory found beside the images
+  std::optional<std::filesystem::path> mask;   // mask.png found beside the images
+};
+
+// Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
+// layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are
+// the streams of a rig, in their order. Errors: bad input, naming the file and what is wrong with it.
+Result<Input> open_input(const std::vector<std::string>& inputs, const InputOptions& options);
+
+}  // namespace raysfm
