@@ -37,6 +37,11 @@ class Image {
         stride_(padded(width)),
         data_(static_cast<T*>(::operator new (stride_* height * sizeof(T) + 64, std::align_val_t{64}))) {}
 
+  // Pixels are not kept, the memory is where the size stays the same.
+  void resize(int width, int height) {
+    if (width != width_ || height != height_) *this = Image(width, height);
+  }
+
   int width() const { return width_; }
   int height() const { return height_; }
   bool empty() const { return width_ == 0 || height_ == 0; }

@@ -1,0 +1,43 @@
+#include "raysfm/features/feature_grid.h"
+
+#include <cmath>
+
+namespace raysfm {
+namespace {
+
+// Cell of a coordinate, 0 to cells - 1. Written so that a NaN gives 0.
+int cell_of(float coordinate, int cells) {
+  const float cell = std::floor(coordinate) / (1 << FeatureGrid::kCellShift);
+  if (!(cell > 0)) return 0;
+  return cell >= static_cast<float>(cells) ? cells - 1 : static_cast<int>(cell);
+}
+
+}  // namespace
+
+void FeatureGrid::build(std::span<const Eigen::Vector2f> pixels, int width, int height) {
+  columns_ = (width >> kCellShift) + 1;
+  rows_ = (height >> kCellShift) + 1;
+  const auto cell = [&](const Eigen::Vector2f& p) {
+    return cell_of(p.y(), rows_) * columns_ + cell_of(p.x(), columns_);
+  };
+  // Counted two places on, so that after filling, starts_[c] is where cell c begins.
+  starts_.assign(static_cast<size_t>(columns_) * rows_ + 2, 0);
+  for (const Eigen::Vector2f& p : pixels) ++starts_[cell(p) + 2];
+  for (size_t c = 2; c < starts_.size(); ++c) starts_[c] += starts_[c - 1];
+  indices_.resize(pixels.size());
+  sorted_.resize(pixels.size());
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const int place = starts_[cell(pixels[i]) + 1]++;
+    indices_[place] = static_cast<int>(i);
+    sorted_[place] = pixels[i];
+  }
+}
+
+FeatureGrid::Range FeatureGrid::cells_in(const Eigen::Vector2f& center, float radius) const {
+  const bool finite = std::isfinite(center.x()) && std::isfinite(center.y()) && std::isfinite(radius);
+  if (!finite || radius < 0 || indices_.empty()) return {};
+  return {cell_of(center.x() - radius, columns_), cell_of(center.x() + radius, columns_) + 1,
+          cell_of(center.y() - radius, rows_), cell_of(center.y() + radius, rows_) + 1};
+}
+
+}  // namespace raysfm

@@ -1,0 +1,133 @@
+#include "raysfm/features/harris.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "raysfm/features/corner_selection.h"
+#include "raysfm/features/harris_rows.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kMinBorder = 5;   // gradient 1, window 2, neighbourhood of a maximum 2
+constexpr int kMaskReach = 6;   // pixels; what lies this close to the edge of the mask is an artefact of it
+constexpr int kWindowRows = 5;  // rows of products that one row of response needs
+constexpr int kMaximaRows = 5;  // rows of response that one row of maxima needs
+
+// Rows that are reused in turn.
+class RowRing {
+ public:
+  void reset(int rows, int width) {
+    stride_ = width + 2 * kRowMargin;
+    rows_ = rows;
+    data_.assign(size_t{1} * stride_ * rows, 0.0f);
+  }
+  float* row(int y) { return data_.data() + size_t{1} * stride_ * (y % rows_) + kRowMargin; }
+
+ private:
+  std::vector<float> data_;
+  int stride_ = 0;
+  int rows_ = 1;
+};
+
+// Abscissa of the maximum of the parabola through (-1, a), (0, b), (1, c), where b is not below a and c.
+float parabola_peak(float a, float b, float c) {
+  const float curvature = a - 2 * b + c;
+  return curvature < 0 ? std::clamp(0.5f * (a - c) / curvature, -0.5f, 0.5f) : 0.0f;
+}
+
+bool sees_the_scene(const GrayView& mask, int x, int y) {
+  for (int dy = -kMaskReach; dy <= kMaskReach; dy += kMaskReach) {
+    for (int dx = -kMaskReach; dx <= kMaskReach; dx += kMaskReach) {
+      const int u = std::clamp(x + dx, 0, mask.width - 1);
+      const int v = std::clamp(y + dy, 0, mask.height - 1);
+      if (mask(u, v) != 255) return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+struct HarrisDetector::Scratch {
+  RowRing product_xx, product_xy, product_yy;  // of the current row
+  RowRing smooth_xx, smooth_xy, smooth_yy;     // filtered along the row
+  RowRing response;
+  std::vector<int> columns;
+  std::vector<Corner> corners;
+  CornerSelector selector;
+
+  void reset(int width) {
+    for (RowRing* ring : {&product_xx, &product_xy, &product_yy}) ring->reset(1, width);
+    for (RowRing* ring : {&smooth_xx, &smooth_xy, &smooth_yy}) ring->reset(kWindowRows, width);
+    response.reset(kMaximaRows, width);
+    columns.resize(width);
+    corners.clear();
+  }
+
+  void add_products(const GrayView& image, int y) {
+    gradient_products(image.row(y - 1), image.row(y), image.row(y + 1), image.width, product_xx.row(0),
+                      product_xy.row(0), product_yy.row(0));
+    smooth_along_row(product_xx.row(0), image.width, smooth_xx.row(y));
+    smooth_along_row(product_xy.row(0), image.width, smooth_xy.row(y));
+    smooth_along_row(product_yy.row(0), image.width, smooth_yy.row(y));
+  }
+
+  void add_response(int width, float k, int y) {
+    std::array<const float*, kWindowRows> xx, xy, yy;
+    for (int i = 0; i < kWindowRows; ++i) {
+      const int row = y - kWindowRows / 2 + i;
+      xx[i] = smooth_xx.row(row);
+      xy[i] = smooth_xy.row(row);
+      yy[i] = smooth_yy.row(row);
+    }
+    harris_response(xx.data(), xy.data(), yy.data(), width, k, response.row(y));
+  }
+
+  void add_corners(const HarrisOptions& options, int border, int width, int y) {
+    std::array<const float*, kMaximaRows> rows;
+    for (int i = 0; i < kMaximaRows; ++i) rows[i] = response.row(y - kMaximaRows / 2 + i);
+    const int count = find_maxima(rows.data(), border, width - border, options.min_score, columns.data());
+    for (int i = 0; i < count; ++i) {
+      const int x = columns[i];
+      if (!options.mask.empty() && !sees_the_scene(options.mask, x, y)) continue;
+      const float centre = rows[2][x];
+      const float dx = parabola_peak(rows[2][x - 1], centre, rows[2][x + 1]);
+      const float dy = parabola_peak(rows[1][x], centre, rows[3][x]);
+      corners.push_back({static_cast<float>(x) + dx, static_cast<float>(y) + dy, centre});
+    }
+  }
+};
+
+HarrisDetector::HarrisDetector() : scratch_(std::make_unique<Scratch>()) {}
+HarrisDetector::~HarrisDetector() = default;
+HarrisDetector::HarrisDetector(HarrisDetector&&) noexcept = default;
+HarrisDetector& HarrisDetector::operator=(HarrisDetector&&) noexcept = default;
+
+void HarrisDetector::detect(const GrayView& image, const HarrisOptions& options, Features* features) {
+  features->clear();
+  const int border = std::max(options.border, kMinBorder);
+  if (image.width <= 2 * border || image.height <= 2 * border || options.max_features <= 0) return;
+
+  Scratch& s = *scratch_;
+  s.reset(image.width);
+  // Each stage follows the one before by as many rows as it looks down, so that all of its input is in cache.
+  for (int y = 1; y < image.height - 1; ++y) {
+    s.add_products(image, y);
+    const int response_row = y - kWindowRows / 2;
+    if (response_row < 1 + kWindowRows / 2) continue;
+    s.add_response(image.width, options.k, response_row);
+    const int corner_row = response_row - kMaximaRows / 2;
+    if (corner_row < border || corner_row >= image.height - border) continue;
+    s.add_corners(options, border, image.width, corner_row);
+  }
+  s.selector.select(image.width, image.height, options.max_features, options.spread, &s.corners);
+  for (const Corner& c : s.corners) {
+    features->pixels.emplace_back(c.x, c.y);
+    features->scores.push_back(c.score);
+  }
+}
+
+}  // namespace raysfm
