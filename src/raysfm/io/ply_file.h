@@ -1,0 +1,13 @@
+#pragma once
+
+#include <filesystem>
+
+#include "raysfm/core/result.h"
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+// Writes the points of the map as binary little-endian PLY: float x y z, uchar red green blue.
+Result<void> write_points_ply(const Reconstruction& reconstruction, const std::filesystem::path& path);
+
+}  // namespace raysfm

@@ -1,0 +1,81 @@
+#include "raysfm/io/report_file.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "raysfm/io/atomic_file.h"
+
+namespace raysfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json frames_json(const std::vector<PosedFrame>& frames) {
+  Json without_pose = Json::array();
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (frames[i].world_from_rig) continue;
+    without_pose.push_back({{"index", i},
+                            {"timestamp", frames[i].timestamp},
+                            {"image", frames[i].image_name},
+                            {"reason", frames[i].reason}});
+  }
+  const size_t posed = frames.size() - without_pose.size();
+  return {{"total", frames.size()}, {"posed", posed}, {"without_pose", std::move(without_pose)}};
+}
+
+Json segments_json(const std::vector<Segment>& segments) {
+  Json list = Json::array();
+  for (const Segment& s : segments)
+    list.push_back({{"first", s.first}, {"last", s.last}, {"reason", s.reason}});
+  return list;
+}
+
+Json starts_json(const std::vector<StartSummary>& starts) {
+  Json list = Json::array();
+  for (const StartSummary& s : starts) {
+    list.push_back({{"method", s.method}, {"frames", s.frames}, {"inliers", s.inliers}});
+  }
+  return list;
+}
+
+Json timing_json(const Report& report) {
+  Json timing = Json::object();
+  for (const auto& [name, stage] : report.stages) {
+    timing[name] = {{"mean_ms", stage.mean_ms()}, {"max_ms", stage.max_ms}, {"count", stage.count}};
+  }
+  timing["wall_s"] = report.wall_s;
+  timing["frames_per_second"] = report.frames_per_second;
+  timing["peak_rss_mib"] = report.peak_rss_mib;
+  return timing;
+}
+
+}  // namespace
+
+std::string report_json(const Reconstruction& reconstruction, const Report& report) {
+  const Json starts = starts_json(reconstruction.starts);
+  Json json;
+  json["version"] = report.version;
+  json["seed"] = report.seed;
+  json["input"] = report.input;
+  json["camera_class"] = report.camera_class;
+  json["error"] = report.error;
+  json["scale"] = reconstruction.metric_scale ? "metric" : "arbitrary";
+  json["frames"] = frames_json(reconstruction.frames);
+  json["keyframes"] = reconstruction.keyframes.size();
+  json["points"] = reconstruction.points.size();
+  json["observations"] = reconstruction.observations.size();
+  json["rms_reprojection_px"] = reconstruction.rms_reprojection_px;
+  json["segments"] = segments_json(reconstruction.segments);
+  json["start"] = starts.empty() ? Json() : starts.front();
+  json["starts"] = starts;
+  json["timing"] = timing_json(report);
+  // Names of files need not be UTF-8.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+Result<void> write_report(const Reconstruction& reconstruction, const Report& report,
+                          const std::filesystem::path& path) {
+  return write_file(path, report_json(reconstruction, report));
+}
+
+}  // namespace raysfm

@@ -1,0 +1,223 @@
+#include "raysfm/io/trajectory_file.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "raysfm/io/atomic_file.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uintmax_t kMaxBytes = 256u << 20;
+constexpr size_t kTumNumbers = 8;
+constexpr size_t kKittiNumbers = 12;
+constexpr double kRotationTolerance = 1e-3;
+
+Result<std::string> read_text(const fs::path& path) {
+  std::error_code failure;
+  if (!fs::exists(path, failure)) return bad_input(fmt::format("{}: no such file or folder", path.string()));
+  if (!fs::is_regular_file(path, failure)) return bad_input(fmt::format("{}: not a file", path.string()));
+  const uintmax_t bytes = fs::file_size(path, failure);
+  if (failure) return bad_input(fmt::format("{}: cannot be read: {}", path.string(), failure.message()));
+  if (bytes > kMaxBytes) {
+    return bad_input(fmt::format("{}: {} bytes, at most {} are allowed", path.string(), bytes, kMaxBytes));
+  }
+  std::ifstream file(path, std::ios::binary);
+  std::string text(bytes, '\0');
+  if (!file.read(text.data(), static_cast<std::streamsize>(bytes))) {
+    return bad_input(fmt::format("{}: cannot be read", path.string()));
+  }
+  return text;
+}
+
+// One line of numbers of a text file.
+struct NumberLine {
+  int line = 0;  // counted from 1
+  size_t count = 0;
+  std::array<double, kKittiNumbers> values{};
+};
+
+std::string_view next_word(std::string_view* line) {
+  constexpr std::string_view kSpace = " \t\r";
+  line->remove_prefix(std::min(line->find_first_not_of(kSpace), line->size()));
+  const std::string_view word = line->substr(0, line->find_first_of(kSpace));
+  line->remove_prefix(word.size());
+  return word;
+}
+
+Result<NumberLine> parse_line(const fs::path& path, int line_number, std::string_view text) {
+  NumberLine line;
+  line.line = line_number;
+  for (std::string_view word = next_word(&text); !word.empty(); word = next_word(&text)) {
+    double value = 0;
+    const auto [end, failure] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (failure != std::errc() || end != word.data() + word.size() || !std::isfinite(value)) {
+      return bad_input(fmt::format("{}:{}: field {}: '{}' is not allowed, a finite number is", path.string(),
+                                   line_number, line.count + 1, word.substr(0, 40)));
+    }
+    if (line.count < line.values.size()) line.values[line.count] = value;
+    ++line.count;
+  }
+  return line;
+}
+
+// Calls parse(line) for every line that is neither empty nor a comment.
+template <typename Parse>
+Result<void> for_each_line(const fs::path& path, std::string_view text, Parse parse) {
+  int number = 0;
+  while (!text.empty()) {
+    const std::string_view raw = text.substr(0, text.find('\n'));
+    text.remove_prefix(std::min(raw.size() + 1, text.size()));
+    ++number;
+    std::string_view rest = raw;
+    const std::string_view first_word = next_word(&rest);
+    if (first_word.empty() || first_word.front() == '#') continue;
+    const Result<NumberLine> line = parse_line(path, number, raw);
+    if (!line) return line.error();
+    if (const Result<void> parsed = parse(*line); !parsed) return parsed;
+  }
+  return {};
+}
+
+Result<void> check_order(const fs::path& path, int line, double timestamp,
+                         const std::vector<double>& before) {
+  if (before.empty() || timestamp > before.back()) return {};
+  return bad_input(fmt::format("{}:{}: timestamp: {} is not allowed, it must be greater than {} before it",
+                               path.string(), line, timestamp, before.back()));
+}
+
+Result<Rigid3> tum_pose(const fs::path& path, const NumberLine& line) {
+  const auto& v = line.values;
+  const Eigen::Quaterniond rotation(v[7], v[4], v[5], v[6]);
+  if (!(std::abs(rotation.norm() - 1.0) <= kRotationTolerance)) {
+    return bad_input(fmt::format("{}:{}: qx qy qz qw: a quaternion of length {} is not allowed, 1 +- {} is",
+                                 path.string(), line.line, rotation.norm(), kRotationTolerance));
+  }
+  return Rigid3{rotation.normalized(), {v[1], v[2], v[3]}};
+}
+
+Result<Rigid3> kitti_pose(const fs::path& path, const NumberLine& line) {
+  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(line.values.data());
+  const Eigen::Matrix3d rotation = matrix.leftCols<3>();
+  const Eigen::Quaterniond quaternion = Eigen::Quaterniond(rotation).normalized();
+  const double deviation = (quaternion.toRotationMatrix() - rotation).cwiseAbs().maxCoeff();
+  if (!(deviation <= kRotationTolerance)) {
+    return bad_input(fmt::format("{}:{}: R: a matrix {} away from a rotation is not allowed, at most {} is",
+                                 path.string(), line.line, deviation, kRotationTolerance));
+  }
+  return Rigid3{quaternion, matrix.col(3)};
+}
+
+Result<std::vector<double>> read_times(const fs::path& path) {
+  const Result<std::string> text = read_text(path);
+  if (!text) return text.error();
+  std::vector<double> times;
+  const Result<void> read = for_each_line(path, *text, [&](const NumberLine& line) -> Result<void> {
+    if (line.count != 1) {
+      return bad_input(fmt::format("{}:{}: {} numbers are not allowed, one timestamp is", path.string(),
+                                   line.line, line.count));
+    }
+    if (auto ordered = check_order(path, line.line, line.values[0], times); !ordered) return ordered;
+    times.push_back(line.values[0]);
+    return {};
+  });
+  if (!read) return read.error();
+  return times;
+}
+
+// Timestamps of KITTI poses: times.txt beside them, or the index.
+Result<std::vector<double>> kitti_times(const fs::path& poses, size_t count) {
+  const fs::path path = poses.parent_path() / "times.txt";
+  std::vector<double> times;
+  if (!fs::exists(path)) {
+    for (size_t i = 0; i < count; ++i) times.push_back(static_cast<double>(i));
+    return times;
+  }
+  Result<std::vector<double>> read = read_times(path);
+  if (read && read->size() != count) {
+    return bad_input(fmt::format("{}: {} timestamps are not allowed, {} has {} poses", path.string(),
+                                 read->size(), poses.string(), count));
+  }
+  return read;
+}
+
+Result<fs::path> trajectory_in(const fs::path& folder) {
+  for (const char* name : {"trajectory.txt", "truth.txt", "poses.txt", "groundtruth.txt"}) {
+    if (fs::exists(folder / name)) return folder / name;
+  }
+  return bad_input(fmt::format(
+      "{}: no trajectory in this folder; trajectory.txt, truth.txt, poses.txt or groundtruth.txt is expected",
+      folder.string()));
+}
+
+}  // namespace
+
+Result<Trajectory> read_trajectory(const fs::path& path) {
+  std::error_code failure;
+  if (fs::is_directory(path, failure)) {
+    const Result<fs::path> file = trajectory_in(path);
+    if (!file) return file.error();
+    return read_trajectory(*file);
+  }
+  const Result<std::string> text = read_text(path);
+  if (!text) return text.error();
+
+  Trajectory trajectory;
+  size_t expected = 0;  // numbers per line, decided by the first
+  const Result<void> read = for_each_line(path, *text, [&](const NumberLine& line) -> Result<void> {
+    if (expected == 0) expected = line.count == kKittiNumbers ? kKittiNumbers : kTumNumbers;
+    if (line.count != expected) {
+      return bad_input(fmt::format(
+          "{}:{}: {} numbers are not allowed, {} are", path.string(), line.line, line.count,
+          expected == kTumNumbers ? "8 (timestamp tx ty tz qx qy qz qw)" : "12 (a 3 x 4 matrix by rows)"));
+    }
+    const bool tum = expected == kTumNumbers;
+    if (tum) {
+      if (auto ordered = check_order(path, line.line, line.values[0], trajectory.timestamps); !ordered) {
+        return ordered;
+      }
+      trajectory.timestamps.push_back(line.values[0]);
+    }
+    const Result<Rigid3> pose = tum ? tum_pose(path, line) : kitti_pose(path, line);
+    if (!pose) return pose.error();
+    trajectory.world_from_cam.push_back(*pose);
+    return {};
+  });
+  if (!read) return read.error();
+  if (trajectory.world_from_cam.empty()) return bad_input(fmt::format("{}: no poses", path.string()));
+  if (expected == kKittiNumbers) {
+    Result<std::vector<double>> times = kitti_times(path, trajectory.world_from_cam.size());
+    if (!times) return times.error();
+    trajectory.timestamps = std::move(*times);
+  }
+  return trajectory;
+}
+
+Result<void> write_trajectory(const Trajectory& trajectory, const std::string& header, const fs::path& path) {
+  std::string text;
+  for (std::string_view rest = header; !rest.empty();) {
+    const std::string_view line = rest.substr(0, rest.find('\n'));
+    text += fmt::format("# {}\n", line);
+    rest.remove_prefix(std::min(line.size() + 1, rest.size()));
+  }
+  for (int i = 0; i < trajectory.size(); ++i) {
+    const Eigen::Vector3d& t = trajectory.world_from_cam[i].translation;
+    const Eigen::Quaterniond& q = trajectory.world_from_cam[i].rotation;
+    fmt::format_to(std::back_inserter(text),
+                   "{:.9f} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g}\n",
+                   trajectory.timestamps[i], t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
+  }
+  return write_file(path, text);
+}
+
+}  // namespace raysfm

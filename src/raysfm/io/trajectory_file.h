@@ -1,0 +1,28 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "raysfm/core/result.h"
+#include "raysfm/geometry/trajectory.h"
+
+namespace raysfm {
+
+// Reads a trajectory; the content decides the format:
+//  - TUM: `timestamp tx ty tz qx qy qz qw`, world from camera, seconds, Hamilton quaternion. Empty lines and
+//  lines
+//    that begin with # are skipped. A quaternion whose length is within 1e-3 of one is normalised, others are
+//    refused;
+//  - KITTI: the 12 numbers of a 3 x 4 matrix [R t] by rows, world from camera. R is replaced by the nearest
+//  rotation
+//    if its entries are within 1e-3 of it, else refused. Timestamps are the lines of `times.txt` in the
+//    same folder, or the index of the line where there is no such file.
+// `path` may also be a folder: then the first of trajectory.txt, truth.txt, poses.txt and groundtruth.txt in
+// it. Timestamps strictly increase. An error names file, line, value and what is allowed.
+Result<Trajectory> read_trajectory(const std::filesystem::path& path);
+
+// Writes TUM format. `header` is put before the poses as comment lines, each beginning with "# ".
+Result<void> write_trajectory(const Trajectory& trajectory, const std::string& header,
+                              const std::filesystem::path& path);
+
+}  // namespace raysfm
