@@ -1,0 +1,175 @@
+#include "raysfm/features/patches.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "raysfm/features/patch_window.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raysfm/features/patches.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "raysfm/features/patch_sampling-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace raysfm {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Samples are grey levels times kLevels, which leaves room for their differences in 16 bits.
+constexpr int kWeightSteps = 8;  // of bilinear weights: positions are rounded to an eighth of a pixel
+constexpr int kLevels = kWeightSteps * kWeightSteps;
+// Standard deviation, grey levels, below which a patch counts as having no texture: the noise of a camera.
+constexpr int kMinDeviation = 2;
+
+// Takes the mean away, scales to bytes and returns the inverse norm of the bytes, zero without texture. Loops
+// over fixed lengths, in integers, that compilers turn into vectors of the instruction set.
+float normalise(int16_t* HWY_RESTRICT samples, int8_t* HWY_RESTRICT bytes) {
+  std::fill(samples + kPatchArea, samples + kPatchStride, int16_t{0});
+  int32_t sum = 0;
+  for (int i = 0; i < kPatchStride; ++i) sum += samples[i];
+  const auto mean = static_cast<int16_t>((2 * sum + kPatchArea) / (2 * kPatchArea));
+  for (int i = 0; i < kPatchStride; ++i) samples[i] = static_cast<int16_t>(samples[i] - mean);
+  std::fill(samples + kPatchArea, samples + kPatchStride, int16_t{0});
+
+  int16_t greatest = 0;
+  for (int i = 0; i < kPatchStride; ++i) {
+    const auto magnitude = static_cast<int16_t>(samples[i] < 0 ? -samples[i] : samples[i]);
+    greatest = magnitude > greatest ? magnitude : greatest;
+  }
+  // A patch with the least deviation has a sample that is at least as far from the mean, so the factor below
+  // fits 16 bits.
+  if (greatest < kMinDeviation * kLevels) return 0;
+  const int32_t factor = (127 * 32768 + greatest / 2) / greatest;
+
+  int32_t norm2 = 0;
+  for (int i = 0; i < kPatchStride; ++i) {
+    const int32_t scaled = (samples[i] * factor + (1 << 14)) >> 15;
+    bytes[i] = static_cast<int8_t>(scaled);
+    norm2 += scaled * scaled;
+  }
+  const float scale = 127.0f / static_cast<float>(greatest);
+  const float least = static_cast<float>(kMinDeviation * kLevels) * scale;
+  if (static_cast<float>(norm2) < kPatchArea * least * least) return 0;
+  return 1.0f / std::sqrt(static_cast<float>(norm2));
+}
+
+// The block begins kPatchRadius to the upper left of the pixel; (wx, wy) is the rest, in eighths.
+void sample_shifted(const PixelBlock& block, int wx, int wy, int16_t* HWY_RESTRICT samples) {
+  const hn::CappedTag<int16_t, 16> d;
+  const hn::Rebind<uint8_t, decltype(d)> d8;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto left = hn::Set(d, static_cast<int16_t>(kWeightSteps - wx));
+  const auto right = hn::Set(d, static_cast<int16_t>(wx));
+  const auto upper = hn::Set(d, static_cast<int16_t>(kWeightSteps - wy));
+  const auto lower = hn::Set(d, static_cast<int16_t>(wy));
+  const auto blend_row = [&](int r, int c) HWY_ATTR {
+    const uint8_t* p = block.data + r * block.stride + c;
+    return hn::Add(hn::Mul(left, hn::PromoteTo(d, hn::LoadU(d8, p))),
+                   hn::Mul(right, hn::PromoteTo(d, hn::LoadU(d8, p + 1))));
+  };
+  // Vectors reach past the end of a row; what they write there the next row overwrites.
+  for (int c = 0; c < kPatchSide; c += lanes) {
+    auto above = blend_row(0, c);
+    for (int r = 0; r < kPatchSide; ++r) {
+      const auto below = blend_row(r + 1, c);
+      const auto value = hn::Add(hn::Mul(upper, above), hn::Mul(lower, below));
+      hn::StoreU(value, d, samples + r * kPatchSide + c);
+      above = below;
+    }
+  }
+}
+
+void extract_shifted(const GrayView& image, const Eigen::Vector2f* pixels, int count, PatchSet* patches) {
+  alignas(64) std::array<int16_t, kPatchStride + 64> samples;
+  BlockBuffer<kPatchSide + 1> buffer;
+  for (int i = 0; i < count; ++i) {
+    const float x = pixels[i].x() * kWeightSteps, y = pixels[i].y() * kWeightSteps;
+    const bool inside = x >= kPatchRadius * kWeightSteps && y >= kPatchRadius * kWeightSteps &&
+                        x < static_cast<float>((image.width - kPatchRadius - 2) * kWeightSteps) &&
+                        y < static_cast<float>((image.height - kPatchRadius - 2) * kWeightSteps);
+    patches->set_inverse_norm(i, 0);
+    if (!inside) continue;
+    const int xi = static_cast<int>(x + 0.5f), yi = static_cast<int>(y + 0.5f);
+    const PixelBlock block = readable_block<kPatchSide + 1>(
+        image, xi / kWeightSteps - kPatchRadius, yi / kWeightSteps - kPatchRadius, kPatchSide + 1, &buffer);
+    sample_shifted(block, xi % kWeightSteps, yi % kWeightSteps, samples.data());
+    patches->set_inverse_norm(i, normalise(samples.data(), patches->mutable_patch(i)));
+  }
+}
+
+void extract_warped(const GrayView& image, const Eigen::Vector2f& pixel, const Eigen::Matrix2f& m, int i,
+                    PatchSet* patches) {
+  patches->set_inverse_norm(i, 0);
+  const auto window = affine_window(image, pixel, m, kPatchRadius);
+  if (!window) return;
+  alignas(64) int32_t wide[kPatchStride];
+  alignas(64) int16_t samples[kPatchStride];
+  sample_affine<kPatchRadius>(image, *window, wide);
+  constexpr int kShift = 2 * kWeightBits - 6;  // to grey levels times kLevels
+  for (int k = 0; k < kPatchStride; ++k) {
+    samples[k] = static_cast<int16_t>((wide[k] + (1 << (kShift - 1))) >> kShift);
+  }
+  patches->set_inverse_norm(i, normalise(samples, patches->mutable_patch(i)));
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace raysfm
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace raysfm {
+
+HWY_EXPORT(extract_shifted);
+HWY_EXPORT(extract_warped);
+
+void PatchSet::resize(int size) {
+  const auto needed = static_cast<size_t>(size);
+  if (needed > capacity_) {
+    capacity_ = std::max(needed, 2 * capacity_);
+    data_.reset(static_cast<int8_t*>(::operator new (capacity_* kPatchStride, std::align_val_t{64})));
+  }
+  inverse_norms_.assign(needed, 0.0f);
+}
+
+void extract_patches(const GrayView& image, std::span<const Eigen::Vector2f> pixels, PatchSet* patches) {
+  patches->resize(static_cast<int>(pixels.size()));
+  HWY_DYNAMIC_DISPATCH(extract_shifted)(image, pixels.data(), patches->size(), patches);
+}
+
+void extract_warped_patches(std::span<const GrayView> levels, std::span<const Eigen::Vector2f> pixels,
+                            std::span<const Eigen::Matrix2f> image_from_target, PatchSet* patches) {
+  patches->resize(static_cast<int>(pixels.size()));
+  for (int i = 0; i < patches->size(); ++i) {
+    // The area of the image that one pixel of the patch covers quarters with every level.
+    float area = std::abs(image_from_target[i].determinant());
+    size_t level = 0;
+    float scale = 1;
+    while (level + 1 < levels.size() && area > 1.5f * 1.5f) {
+      ++level;
+      area /= 4;
+      scale /= 2;
+    }
+    const Eigen::Vector2f half = Eigen::Vector2f::Constant(0.5f);
+    const Eigen::Vector2f pixel = (pixels[i] + half) * scale - half;
+    HWY_DYNAMIC_DISPATCH(extract_warped)
+    (levels[level], pixel, scale * image_from_target[i], i, patches);
+  }
+}
+
+void extract_warped_patches(const GrayView& image, std::span<const Eigen::Vector2f> pixels,
+                            std::span<const Eigen::Matrix2f> image_from_target, PatchSet* patches) {
+  extract_warped_patches(std::span(&image, 1), pixels, image_from_target, patches);
+}
+
+float zncc(const PatchSet& a, int i, const PatchSet& b, int j) {
+  if (!a.valid(i) || !b.valid(j)) return 0;
+  int dot = 0;
+  for (int k = 0; k < kPatchStride; ++k) dot += a.patch(i)[k] * b.patch(j)[k];
+  return static_cast<float>(dot) * a.inverse_norm(i) * b.inverse_norm(j);
+}
+
+}  // namespace raysfm
+#endif  // HWY_ONCE
