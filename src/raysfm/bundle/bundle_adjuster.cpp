@@ -1,0 +1,295 @@
+#include "raysfm/bundle/bundle_adjuster.h"
+
+#include <cmath>
+#include <cstring>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "raysfm/bundle/normal_kernel.h"
+#include "raysfm/bundle/observation_layout.h"
+#include "raysfm/bundle/pixel_residual.h"
+#include "raysfm/core/timer.h"
+#include "raysfm/optim/schur_system.h"
+
+namespace raysfm {
+namespace {
+
+using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+// Poses, points and what each lane costs there.
+struct State {
+  std::vector<Rigid3> poses;
+  std::vector<Eigen::Vector3d> points;
+  std::vector<double> lane_cost;
+
+  void load(const BundleProblem& problem, size_t lane_count) {
+    poses.assign(problem.rig_from_world.begin(), problem.rig_from_world.end());
+    points.assign(problem.points.begin(), problem.points.end());
+    lane_cost.assign(lane_count, 0.0);
+  }
+};
+
+void gather_points(const State& state, const ObservationLayout::Lane* lanes, double (*out)[kBundleLanes]) {
+  for (int k = 0; k < kBundleLanes; ++k) {
+    const Eigen::Vector3d& p = state.points[lanes[k].point];
+    out[0][k] = p.x(), out[1][k] = p.y(), out[2][k] = p.z();
+  }
+}
+
+void clear_lane(ObservationBlock& block, int k) {
+  for (auto& row : block.x) row[k] = 0;
+  for (auto& row : block.residual) row[k] = 0;
+  for (auto& row : block.jacobian) row[k] = 0;
+  block.weight[k] = 0;
+}
+
+}  // namespace
+
+// The state of one run; levenberg_marquardt() drives it.
+class BundleAdjuster::Workspace {
+ public:
+  bool load(const BundleProblem& problem, const BundleOptions& options);
+  void store(const BundleProblem& problem) const;
+  int used() const { return active_count_; }
+  int dropped() const { return dropped_; }
+
+  double linearize();
+  LmStep solve(double damping) { return system_.solve(damping); }
+  LmTrial evaluate();
+  void accept();
+
+ private:
+  template <bool kJacobian>
+  void work(State& state);
+  template <bool kJacobian, typename Residual>
+  void work_on_group(const ObservationLayout::Group& group, const Residual& residual, State& state);
+  void add_block(const ObservationLayout::Group& group, int begin, const RowMajor3& rotation);
+  void move_points_of_lost(double share);
+  void drop_lost();
+  double sum_active(const State& state) const;
+
+  std::span<const Camera> cameras_;
+  RobustLoss loss_;
+  ObservationLayout layout_;
+  SchurSystem system_;
+  State current_, trial_;
+  std::vector<uint8_t> active_;  // by lane: an inlier that projects
+  std::vector<int> lost_;        // active lanes that did not project in the last pass
+  int active_count_ = 0, dropped_ = 0;
+  ObservationBlock block_;
+  PoseSums pose_sums_;
+};
+
+bool BundleAdjuster::Workspace::load(const BundleProblem& problem, const BundleOptions& options) {
+  cameras_ = problem.cameras;
+  loss_ = options.loss;
+  layout_.build(problem);
+  active_.clear();
+  active_count_ = dropped_ = 0;
+  for (const ObservationLayout::Lane& lane : layout_.lanes) {
+    active_.push_back(lane.observation >= 0);
+    active_count_ += active_.back();
+  }
+  lost_.clear();
+  lost_.reserve(layout_.lanes.size());
+  current_.load(problem, layout_.lanes.size());
+  trial_.load(problem, layout_.lanes.size());
+  if (layout_.poses.empty() && layout_.points.empty()) return false;
+  system_.set_structure(static_cast<int>(layout_.poses.size()), layout_.point_begin, layout_.pose_of_slot);
+  return true;
+}
+
+void BundleAdjuster::Workspace::store(const BundleProblem& problem) const {
+  for (int i : layout_.poses) problem.rig_from_world[i] = current_.poses[i];
+  for (int p : layout_.points) problem.points[p] = current_.points[p];
+}
+
+double BundleAdjuster::Workspace::linearize() {
+  system_.set_zero();
+  work<true>(current_);
+  drop_lost();
+  return sum_active(current_);
+}
+
+LmTrial BundleAdjuster::Workspace::evaluate() {
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  for (size_t i = 0; i < layout_.poses.size(); ++i) {
+    const Eigen::Map<const Vector6> step(system_.pose_step(static_cast<int>(i)));
+    trial_.poses[layout_.poses[i]] = retract(current_.poses[layout_.poses[i]], step);
+  }
+  for (size_t p = 0; p < layout_.points.size(); ++p) {
+    const Eigen::Map<const Eigen::Vector3d> step(system_.point_step(static_cast<int>(p)));
+    trial_.points[layout_.points[p]] = current_.points[layout_.points[p]] + step;
+  }
+  work<false>(trial_);
+  for (const double share : {0.25, 0.0}) {
+    if (lost_.empty()) break;
+    move_points_of_lost(share);
+    work<false>(trial_);
+  }
+  if (lost_.empty()) return {sum_active(current_), sum_active(trial_)};
+  constexpr size_t kMostLost = 50;  // one in so many
+  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_)) return {sum_active(current_), INFINITY};
+  for (int k : lost_) active_[k] = 0;
+  const LmTrial kept = {sum_active(current_), sum_active(trial_)};
+  for (int k : lost_) active_[k] = 1;
+  return kept;
+}
+
+void BundleAdjuster::Workspace::accept() {
+  drop_lost();
+  std::swap(current_, trial_);
+}
+
+void BundleAdjuster::Workspace::move_points_of_lost(double share) {
+  for (int k : lost_) {
+    const ObservationLayout::Lane& lane = layout_.lanes[k];
+    if (lane.system_point < 0) continue;
+    const Eigen::Map<const Eigen::Vector3d> step(system_.point_step(lane.system_point));
+    trial_.points[lane.point] = current_.points[lane.point];
+    if (share > 0) trial_.points[lane.point] += share * step;
+  }
+}
+
+void BundleAdjuster::Workspace::drop_lost() {
+  for (int k : lost_) active_[k] = 0;
+  active_count_ -= static_cast<int>(lost_.size());
+  dropped_ += static_cast<int>(lost_.size());
+  lost_.clear();
+}
+
+double BundleAdjuster::Workspace::sum_active(const State& state) const {
+  double sum = 0;
+  for (size_t k = 0; k < active_.size(); ++k) sum += active_[k] ? state.lane_cost[k] : 0.0;
+  return sum;
+}
+
+// Costs of all active lanes, and with kJacobian the normal equations. Lanes that do not project go to lost_.
+template <bool kJacobian>
+void BundleAdjuster::Workspace::work(State& state) {
+  lost_.clear();
+  for (const ObservationLayout::Group& group : layout_.groups) {
+    const Camera& camera = cameras_[group.camera];
+    std::visit(
+        [&](const auto& model) { work_on_group<kJacobian>(group, PixelResidual(camera, model), state); },
+        camera.model);
+  }
+}
+
+template <bool kJacobian, typename Residual>
+void BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& group, const Residual& residual,
+                                              State& state) {
+  const RowMajor3 rotation = state.poses[group.pose].rotation.toRotationMatrix();
+  const Eigen::Vector3d& translation = state.poses[group.pose].translation;
+  ObservationBlock& block = block_;
+  if (kJacobian && group.system_pose >= 0) std::memset(&pose_sums_, 0, sizeof(pose_sums_));
+  for (int begin = group.begin; begin < group.end; begin += kBundleLanes) {
+    alignas(64) double world[3][kBundleLanes];
+    gather_points(state, &layout_.lanes[begin], world);
+    transform_points(rotation.data(), translation.data(), world, block.x);
+    for (int k = 0; k < kBundleLanes; ++k) {
+      const Eigen::Vector3d x(block.x[0][k], block.x[1][k], block.x[2][k]);
+      const Eigen::Vector2d observed(layout_.u[begin + k], layout_.v[begin + k]);
+      Eigen::Vector2d r;
+      Eigen::Matrix<double, 2, 3> jacobian;
+      double squared = INFINITY;
+      if (active_[begin + k]) {
+        if (residual(x, observed, &r, kJacobian ? &jacobian : nullptr)) squared = r.squaredNorm();
+        if (!std::isfinite(squared)) lost_.push_back(begin + k);
+      }
+      if (!std::isfinite(squared)) {
+        if (kJacobian) clear_lane(block, k);
+        continue;
+      }
+      state.lane_cost[begin + k] = 0.5 * loss_.cost(squared);
+      if (!kJacobian) continue;
+      block.residual[0][k] = r[0], block.residual[1][k] = r[1];
+      for (int c = 0; c < 6; ++c) block.jacobian[c][k] = jacobian(c / 3, c % 3);
+      block.weight[k] = loss_.weight(squared);
+    }
+    if (kJacobian) add_block(group, begin, rotation);
+  }
+  if (kJacobian && group.system_pose >= 0) {
+    SchurSystem::PoseBlock& pose = system_.pose(group.system_pose);
+    add_pose_sums(pose_sums_, pose.u, pose.gradient);
+  }
+}
+
+void BundleAdjuster::Workspace::add_block(const ObservationLayout::Group& group, int begin,
+                                          const RowMajor3& rotation) {
+  if (group.system_pose >= 0) {
+    point_and_pose_terms(rotation.data(), &block_, &pose_sums_);
+  } else {
+    point_terms(rotation.data(), &block_);
+  }
+  for (int k = 0; k < kBundleLanes; ++k) {
+    const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
+    if (lane.system_point < 0) continue;
+    SchurSystem::PointBlock& point = system_.point(lane.system_point);
+    for (int c = 0; c < 6; ++c) point.v[c] += block_.point[c][k];
+    for (int c = 0; c < 3; ++c) point.gradient[c] += block_.point[6 + c][k];
+    if (lane.slot < 0) continue;
+    double* cross = system_.cross(lane.slot);
+    for (int c = 0; c < 18; ++c) cross[c] += block_.cross[c][k];
+  }
+}
+
+BundleAdjuster::BundleAdjuster() : workspace_(std::make_unique<Workspace>()) {}
+BundleAdjuster::~BundleAdjuster() = default;
+BundleAdjuster::BundleAdjuster(BundleAdjuster&&) noexcept = default;
+BundleAdjuster& BundleAdjuster::operator=(BundleAdjuster&&) noexcept = default;
+
+BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleOptions& options) {
+  const Clock::time_point start = Clock::now();
+  BundleSummary summary;
+  if (!is_valid(problem, options)) {
+    summary.termination = Termination::kInvalidProblem;
+    return summary;
+  }
+  if (workspace_->load(problem, options)) {
+    const LmSummary lm = levenberg_marquardt(
+        *workspace_,
+        LmOptions{options.max_iterations, options.min_relative_decrease, options.initial_damping});
+    workspace_->store(problem);
+    summary.initial_cost = lm.initial_cost;
+    summary.final_cost = lm.final_cost;
+    summary.iterations = lm.iterations;
+    summary.termination = lm.termination;
+  }
+  summary.used_observations = workspace_->used();
+  summary.dropped_observations = workspace_->dropped();
+  summary.solve_ms = milliseconds_since(start);
+  return summary;
+}
+
+BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, const BundleOptions& options,
+                                               double inlier_threshold_px) {
+  const Clock::time_point start = Clock::now();
+  const BundleSummary first = adjust(problem, options);
+  if (first.termination == Termination::kInvalidProblem) return first;
+  update_inliers(problem, inlier_threshold_px);
+  BundleSummary summary = adjust(problem, options);
+  update_inliers(problem, inlier_threshold_px);
+  summary.initial_cost = first.initial_cost;
+  summary.iterations += first.iterations;
+  summary.solve_ms = milliseconds_since(start);
+  return summary;
+}
+
+int update_inliers(const BundleProblem& problem, double inlier_threshold_px) {
+  int inliers = 0;
+  for (size_t i = 0; i < problem.observations.size() && i < problem.is_inlier.size(); ++i) {
+    const BundleObservation& o = problem.observations[i];
+    const Camera& camera = problem.cameras[o.camera];
+    const Eigen::Vector3d x_in_rig = problem.rig_from_world[o.pose] * problem.points[o.point];
+    Eigen::Vector2d pixel;
+    const bool fits = camera.project(camera.rig_from_cam.inverse() * x_in_rig, &pixel) &&
+                      (pixel - o.pixel).norm() <= inlier_threshold_px;
+    problem.is_inlier[i] = fits;
+    inliers += fits;
+  }
+  return inliers;
+}
+
+}  // namespace raysfm

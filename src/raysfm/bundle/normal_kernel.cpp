@@ -1,0 +1,187 @@
+#include "raysfm/bundle/normal_kernel.h"
+
+// Vectors without a size at compile time cannot be members of the small structs below.
+#ifndef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#endif
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raysfm/bundle/normal_kernel.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace raysfm {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Tag = hn::CappedTag<double, kBundleLanes>;
+using Vec = hn::Vec<Tag>;
+
+// Products and sums are never fused: every target gives the same bits.
+
+struct Vec3 {
+  Vec x, y, z;
+};
+
+HWY_INLINE Vec dot(Vec a0, Vec b0, Vec a1, Vec b1) {
+  return hn::Add(hn::Mul(a0, b0), hn::Mul(a1, b1));
+}
+HWY_INLINE Vec dot(Vec a0, Vec b0, Vec a1, Vec b1, Vec a2, Vec b2) {
+  return hn::Add(dot(a0, b0, a1, b1), hn::Mul(a2, b2));
+}
+HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)), hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
+          hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
+}
+
+void TransformPoints(const double* r, const double* t, const double (*points)[kBundleLanes],
+                     double (*x)[kBundleLanes]) {
+  const Tag d;
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+    const Vec px = hn::Load(d, points[0] + lane), py = hn::Load(d, points[1] + lane),
+              pz = hn::Load(d, points[2] + lane);
+    for (int i = 0; i < 3; ++i) {
+      const Vec rotated =
+          dot(hn::Set(d, r[3 * i]), px, hn::Set(d, r[3 * i + 1]), py, hn::Set(d, r[3 * i + 2]), pz);
+      hn::Store(hn::Add(rotated, hn::Set(d, t[i])), d, x[i] + lane);
+    }
+  }
+}
+
+// What both sides need: the rows of A R and of w A, and w r.
+struct Rows {
+  Vec3 jp0, jp1, wa0, wa1;
+  Vec r0, r1;
+};
+
+HWY_INLINE Vec3 times_rotation(Tag d, const Vec3& a, const double* r) {
+  const auto column = [&](int c) HWY_ATTR {
+    return dot(a.x, hn::Set(d, r[c]), a.y, hn::Set(d, r[3 + c]), a.z, hn::Set(d, r[6 + c]));
+  };
+  return {column(0), column(1), column(2)};
+}
+
+// Returns the rows after filling block->point for one vector of lanes.
+HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock* block, size_t lane) {
+  const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block->jacobian[k] + lane); };
+  const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
+  const Vec w = hn::Load(d, block->weight + lane);
+  const Rows m = {times_rotation(d, a0, rotation),
+                  times_rotation(d, a1, rotation),
+                  {hn::Mul(w, a0.x), hn::Mul(w, a0.y), hn::Mul(w, a0.z)},
+                  {hn::Mul(w, a1.x), hn::Mul(w, a1.y), hn::Mul(w, a1.z)},
+                  hn::Mul(w, hn::Load(d, block->residual[0] + lane)),
+                  hn::Mul(w, hn::Load(d, block->residual[1] + lane))};
+  const Vec3 p0 = m.jp0, p1 = m.jp1;
+  const Vec3 w0 = {hn::Mul(w, p0.x), hn::Mul(w, p0.y), hn::Mul(w, p0.z)};
+  const Vec3 w1 = {hn::Mul(w, p1.x), hn::Mul(w, p1.y), hn::Mul(w, p1.z)};
+  const auto store = [&](int k, Vec v) HWY_ATTR { hn::Store(v, d, block->point[k] + lane); };
+  store(0, dot(w0.x, p0.x, w1.x, p1.x));
+  store(1, dot(w0.x, p0.y, w1.x, p1.y));
+  store(2, dot(w0.x, p0.z, w1.x, p1.z));
+  store(3, dot(w0.y, p0.y, w1.y, p1.y));
+  store(4, dot(w0.y, p0.z, w1.y, p1.z));
+  store(5, dot(w0.z, p0.z, w1.z, p1.z));
+  store(6, dot(p0.x, m.r0, p1.x, m.r1));
+  store(7, dot(p0.y, m.r0, p1.y, m.r1));
+  store(8, dot(p0.z, m.r0, p1.z, m.r1));
+  return m;
+}
+
+void PointTerms(const double* rotation, ObservationBlock* block) {
+  const Tag d;
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) PointTermsAt(d, rotation, block, lane);
+}
+
+// W = [M R; [x]x M R] with M = w A^T A, by columns: M R e_c = (w A)^T (Jp e_c).
+HWY_INLINE void CrossTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBlock* block, size_t lane) {
+  const auto column = [&](int c, Vec jp0, Vec jp1) HWY_ATTR {
+    const Vec3 top = {dot(m.wa0.x, jp0, m.wa1.x, jp1), dot(m.wa0.y, jp0, m.wa1.y, jp1),
+                      dot(m.wa0.z, jp0, m.wa1.z, jp1)};
+    const Vec3 bottom = cross(x, top);
+    const Vec values[6] = {top.x, top.y, top.z, bottom.x, bottom.y, bottom.z};
+    for (int k = 0; k < 6; ++k) hn::Store(values[k], d, block->cross[6 * c + k] + lane);
+  };
+  column(0, m.jp0.x, m.jp1.x);
+  column(1, m.jp0.y, m.jp1.y);
+  column(2, m.jp0.z, m.jp1.z);
+}
+
+// U = [M, .; N, N [x]x^T] with N = [x]x M; gc = (g, x x g) with g = w A^T r.
+HWY_INLINE void PoseTermsAt(Tag d, const Rows& m, const Vec3& x, const ObservationBlock& block,
+                            PoseSums* sums, size_t lane) {
+  const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block.jacobian[k] + lane); };
+  const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
+  const auto add = [&](int k, Vec v) HWY_ATTR {
+    hn::Store(hn::Add(hn::Load(d, sums->sum[k] + lane), v), d, sums->sum[k] + lane);
+  };
+  const Vec xx = dot(m.wa0.x, a0.x, m.wa1.x, a1.x), xy = dot(m.wa0.x, a0.y, m.wa1.x, a1.y),
+            xz = dot(m.wa0.x, a0.z, m.wa1.x, a1.z), yy = dot(m.wa0.y, a0.y, m.wa1.y, a1.y),
+            yz = dot(m.wa0.y, a0.z, m.wa1.y, a1.z), zz = dot(m.wa0.z, a0.z, m.wa1.z, a1.z);
+  add(0, xx), add(1, xy), add(2, xz), add(3, yy), add(4, yz), add(5, zz);
+  const Vec3 n0 = cross(x, {xx, xy, xz}), n1 = cross(x, {xy, yy, yz}),
+             n2 = cross(x, {xz, yz, zz});  // columns
+  add(6, n0.x), add(7, n0.y), add(8, n0.z);
+  add(9, n1.x), add(10, n1.y), add(11, n1.z);
+  add(12, n2.x), add(13, n2.y), add(14, n2.z);
+  const Vec3 u0 = cross(x, {n0.x, n1.x, n2.x}), u1 = cross(x, {n0.y, n1.y, n2.y}),
+             u2 = cross(x, {n0.z, n1.z, n2.z});
+  add(15, u0.x), add(16, u0.y), add(17, u0.z), add(18, u1.y), add(19, u1.z), add(20, u2.z);
+  const Vec3 g = {dot(a0.x, m.r0, a1.x, m.r1), dot(a0.y, m.r0, a1.y, m.r1), dot(a0.z, m.r0, a1.z, m.r1)};
+  const Vec3 h = cross(x, g);
+  add(21, g.x), add(22, g.y), add(23, g.z), add(24, h.x), add(25, h.y), add(26, h.z);
+}
+
+void PointAndPoseTerms(const double* rotation, ObservationBlock* block, PoseSums* sums) {
+  const Tag d;
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+    const Rows m = PointTermsAt(d, rotation, block, lane);
+    const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
+                    hn::Load(d, block->x[2] + lane)};
+    CrossTermsAt(d, m, x, block, lane);
+    PoseTermsAt(d, m, x, *block, sums, lane);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace raysfm
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace raysfm {
+namespace {
+
+HWY_EXPORT(TransformPoints);
+HWY_EXPORT(PointTerms);
+HWY_EXPORT(PointAndPoseTerms);
+
+double lane_sum(const double* lanes) {
+  double sum = lanes[0];
+  for (int i = 1; i < kBundleLanes; ++i) sum += lanes[i];
+  return sum;
+}
+
+}  // namespace
+
+void transform_points(const double* rotation, const double* translation, const double (*points)[kBundleLanes],
+                      double (*x)[kBundleLanes]) {
+  HWY_DYNAMIC_DISPATCH(TransformPoints)(rotation, translation, points, x);
+}
+
+void point_terms(const double* rotation, ObservationBlock* block) {
+  HWY_DYNAMIC_DISPATCH(PointTerms)(rotation, block);
+}
+
+void point_and_pose_terms(const double* rotation, ObservationBlock* block, PoseSums* sums) {
+  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms)(rotation, block, sums);
+}
+
+void add_pose_sums(const PoseSums& sums, double* u, double* gradient) {
+  // Places of the first 21 numbers in U, by columns.
+  constexpr int kPlace[21] = {0, 1, 2, 7, 8, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17, 21, 22, 23, 28, 29, 35};
+  for (int k = 0; k < 21; ++k) u[kPlace[k]] += lane_sum(sums.sum[k]);
+  for (int k = 0; k < 6; ++k) gradient[k] += lane_sum(sums.sum[21 + k]);
+}
+
+}  // namespace raysfm
+#endif  // HWY_ONCE

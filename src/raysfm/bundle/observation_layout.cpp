@@ -1,0 +1,142 @@
+#include "raysfm/bundle/observation_layout.h"
+
+#include <cmath>
+#include <limits>
+
+#include "raysfm/bundle/normal_kernel.h"
+
+namespace raysfm {
+namespace {
+
+// Stable: `sorted` is `order` by ascending key.
+template <typename Key>
+void counting_sort(const std::vector<int>& order, size_t key_count, Key key, std::vector<int>& counts,
+                   std::vector<int>& sorted) {
+  counts.assign(key_count + 1, 0);
+  for (int i : order) ++counts[key(i) + 1];
+  for (size_t k = 0; k < key_count; ++k) counts[k + 1] += counts[k];
+  sorted.resize(order.size());
+  for (int i : order) sorted[counts[key(i)]++] = i;
+}
+
+bool is_free(const BundleProblem& problem, int pose) {
+  return problem.pose_is_free.empty() || problem.pose_is_free[pose] != 0;
+}
+bool is_fixed(const BundleProblem& problem, int point) {
+  return !problem.point_is_fixed.empty() && problem.point_is_fixed[point] != 0;
+}
+bool in_range(int index, size_t size) {
+  return index >= 0 && static_cast<size_t>(index) < size;
+}
+
+}  // namespace
+
+bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
+  constexpr size_t kMostObservations = std::numeric_limits<int>::max() / (2 * kBundleLanes);
+  const size_t poses = problem.rig_from_world.size(), points = problem.points.size();
+  const size_t observations = problem.observations.size();
+  const auto fits = [](size_t flags, size_t size) { return flags == 0 || flags == size; };
+  if (!fits(problem.pose_is_free.size(), poses) || !fits(problem.point_is_fixed.size(), points) ||
+      !fits(problem.is_inlier.size(), observations)) {
+    return false;
+  }
+  if (poses > kMostObservations || points > kMostObservations || observations > kMostObservations)
+    return false;
+  const bool needs_scale = options.loss.kind != RobustLoss::Kind::kNone;
+  if (needs_scale && !(options.loss.scale > 0 && std::isfinite(options.loss.scale))) return false;
+  if (options.max_iterations < 1 || !(options.min_relative_decrease >= 0) || !(options.initial_damping > 0)) {
+    return false;
+  }
+  for (const BundleObservation& o : problem.observations) {
+    if (!in_range(o.pose, poses) || !in_range(o.point, points) ||
+        !in_range(o.camera, problem.cameras.size())) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void ObservationLayout::build(const BundleProblem& problem) {
+  sort_inliers(problem);
+  fill_lanes(problem);
+  assign_slots(problem.points.size());
+}
+
+void ObservationLayout::sort_inliers(const BundleProblem& problem) {
+  order_.clear();
+  for (size_t i = 0; i < problem.observations.size(); ++i) {
+    if (problem.is_inlier.empty() || problem.is_inlier[i]) order_.push_back(static_cast<int>(i));
+  }
+  if (problem.cameras.size() > 1) {
+    const auto camera = [&](int i) { return problem.observations[i].camera; };
+    counting_sort(order_, problem.cameras.size(), camera, counts_, sorted_);
+    order_.swap(sorted_);
+  }
+  const auto pose = [&](int i) { return problem.observations[i].pose; };
+  counting_sort(order_, problem.rig_from_world.size(), pose, counts_, sorted_);
+}
+
+void ObservationLayout::fill_lanes(const BundleProblem& problem) {
+  groups.clear(), lanes.clear(), u.clear(), v.clear(), poses.clear(), points.clear();
+  system_point_.assign(problem.points.size(), -1);
+  const auto pad = [&] {
+    while (lanes.size() % kBundleLanes != 0) {
+      lanes.push_back({-1, lanes.back().point, -1, -1});
+      u.push_back(0), v.push_back(0);
+    }
+    if (!groups.empty()) groups.back().end = static_cast<int>(lanes.size());
+  };
+  for (int i : sorted_) {
+    const BundleObservation& o = problem.observations[i];
+    if (groups.empty() || groups.back().pose != o.pose || groups.back().camera != o.camera) {
+      pad();
+      int system_pose = -1;
+      if (is_free(problem, o.pose)) {
+        if (poses.empty() || poses.back() != o.pose) poses.push_back(o.pose);
+        system_pose = static_cast<int>(poses.size()) - 1;
+      }
+      const int begin = static_cast<int>(lanes.size());
+      groups.push_back({o.pose, o.camera, system_pose, begin, begin});
+    }
+    int& system_point = system_point_[o.point];
+    if (system_point < 0 && !is_fixed(problem, o.point)) {
+      system_point = static_cast<int>(points.size());
+      points.push_back(o.point);
+    }
+    lanes.push_back({i, o.point, system_point, -1});
+    u.push_back(o.pixel.x()), v.push_back(o.pixel.y());
+  }
+  pad();
+}
+
+// A first pass counts the slots of each point, a second numbers them. Lanes come by pose, so a point's slots
+// are met in the order of their poses.
+void ObservationLayout::assign_slots(size_t point_count) {
+  slot_count_.assign(points.size(), 0);
+  for (const bool number : {false, true}) {
+    last_pose_.assign(point_count, -1);
+    if (number) {
+      point_begin.assign(1, 0);
+      for (int count : slot_count_) point_begin.push_back(point_begin.back() + count);
+      pose_of_slot.resize(point_begin.back());
+      slot_count_.assign(points.size(), 0);
+    }
+    for (const Group& group : groups) {
+      if (group.system_pose < 0) continue;
+      for (int k = group.begin; k < group.end; ++k) {
+        Lane& lane = lanes[k];
+        const int p = lane.system_point;
+        if (p < 0) continue;
+        if (last_pose_[p] != group.system_pose) {
+          last_pose_[p] = group.system_pose;
+          ++slot_count_[p];
+        }
+        if (!number) continue;
+        lane.slot = point_begin[p] + slot_count_[p] - 1;
+        pose_of_slot[lane.slot] = group.system_pose;
+      }
+    }
+  }
+}
+
+}  // namespace raysfm

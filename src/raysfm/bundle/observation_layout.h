@@ -1,0 +1,51 @@
+#pragma once
+
+#include <vector>
+
+#include "raysfm/bundle/bundle_problem.h"
+
+namespace raysfm {
+
+// The inliers of a problem in the order in which the adjustment works on them: by pose, then by camera,
+// padded so that each group of one pose and one camera fills whole blocks of kBundleLanes lanes.
+//
+//     lanes   | pose 0, camera 0 . . . | pose 0, camera 1 . | pose 1, camera 0 . . |        . padding
+//     groups    0                        1                    2
+//
+// And the numbering of what moves: free poses with an inlier, points that are not fixed and have an inlier,
+// and the slots of the normal equations (optim/schur_system.h). Memory only grows.
+struct ObservationLayout {
+  struct Group {
+    int pose, camera;
+    int system_pose;  // -1: does not move
+    int begin, end;   // lanes
+  };
+  struct Lane {
+    int observation;   // -1: padding
+    int point;         // a valid index even in the padding
+    int system_point;  // -1: does not move
+    int slot;          // -1: pose or point does not move
+  };
+
+  std::vector<Group> groups;
+  std::vector<Lane> lanes;
+  std::vector<double> u, v;        // observed pixel, by lane
+  std::vector<int> poses, points;  // index in the problem, by number in the system
+  std::vector<int> point_begin;    // slots by system point
+  std::vector<int> pose_of_slot;
+
+  // The problem must be valid.
+  void build(const BundleProblem& problem);
+
+ private:
+  void sort_inliers(const BundleProblem& problem);
+  void fill_lanes(const BundleProblem& problem);
+  void assign_slots(size_t point_count);
+
+  std::vector<int> order_, sorted_, counts_, system_point_, last_pose_, slot_count_;
+};
+
+// Whether sizes and indices agree and the options are in range.
+bool is_valid(const BundleProblem& problem, const BundleOptions& options);
+
+}  // namespace raysfm

@@ -1,0 +1,216 @@
+#include "raysfm/optim/schur_system.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "raysfm/optim/block_kernels.h"
+
+namespace raysfm {
+namespace {
+
+// What the damping is relative to.
+double scale_of(double diagonal) {
+  return diagonal == 0 ? 1.0 : diagonal;
+}
+
+// L^-1 of the damped V = L L^T, lower by rows. A point that one ray alone holds has a pivot as small as the
+// damping; the floor keeps rounding from making it negative.
+void invert_factor(const double* v, double damping, double* inverse) {
+  constexpr double kSmallestPivot = 1e-14;
+  const double d0 = v[0] + damping * scale_of(v[0]);
+  const double d1 = v[3] + damping * scale_of(v[3]);
+  const double d2 = v[5] + damping * scale_of(v[5]);
+  const double i00 = 1.0 / std::sqrt(d0);
+  const double l10 = v[1] * i00, l20 = v[2] * i00;
+  const double i11 = 1.0 / std::sqrt(std::max(d1 - l10 * l10, kSmallestPivot * d1));
+  const double l21 = (v[4] - l20 * l10) * i11;
+  const double i22 = 1.0 / std::sqrt(std::max(d2 - l20 * l20 - l21 * l21, kSmallestPivot * d2));
+  const double i10 = -l10 * i00 * i11;
+  inverse[0] = i00;
+  inverse[1] = i10;
+  inverse[2] = i11;
+  inverse[3] = -(l20 * i00 + l21 * i10) * i22;
+  inverse[4] = -l21 * i11 * i22;
+  inverse[5] = i22;
+}
+
+// z = W L^-T, both 6x3 by columns.
+void scale_cross(const double* w, const double* inverse, double* z) {
+  for (int r = 0; r < 6; ++r) {
+    const double w0 = w[r], w1 = w[6 + r], w2 = w[12 + r];
+    z[r] = w0 * inverse[0];
+    z[6 + r] = w0 * inverse[1] + w1 * inverse[2];
+    z[12 + r] = w0 * inverse[3] + w1 * inverse[4] + w2 * inverse[5];
+  }
+}
+
+}  // namespace
+
+void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin,
+                                std::span<const int> pose_of_slot) {
+  pose_count_ = pose_count;
+  point_count_ = static_cast<int>(point_begin.size()) - 1;
+  point_begin_.assign(point_begin.begin(), point_begin.end());
+  pose_of_slot_.assign(pose_of_slot.begin(), pose_of_slot.end());
+  if (pose_count > BlockCholesky::kDense) find_pattern();
+  reduced_.analyze(pose_count, pattern_begin_, pattern_);
+  list_products();
+  poses_.resize(pose_count);
+  points_.resize(point_count_);
+  cross_.resize(18 * pose_of_slot.size());
+  scaled_.resize(18 * pose_of_slot.size());
+  factors_.resize(9 * points_.size());
+  right_.resize(6 * poses_.size());
+  pose_steps_.resize(6 * poses_.size());
+  point_steps_.resize(3 * points_.size());
+}
+
+// Which poses see a point in common, pose by pose.
+void SchurSystem::find_pattern() {
+  point_of_slot_.resize(pose_of_slot_.size());
+  slot_begin_.assign(pose_count_ + 1, 0);
+  for (int p = 0; p < point_count_; ++p) {
+    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+      point_of_slot_[s] = p;
+      ++slot_begin_[pose_of_slot_[s] + 1];
+    }
+  }
+  for (int i = 0; i < pose_count_; ++i) slot_begin_[i + 1] += slot_begin_[i];
+  slots_of_pose_.resize(pose_of_slot_.size());
+  marks_.assign(slot_begin_.begin(), slot_begin_.end() - 1);
+  for (size_t s = 0; s < pose_of_slot_.size(); ++s)
+    slots_of_pose_[marks_[pose_of_slot_[s]]++] = static_cast<int>(s);
+
+  marks_.assign(pose_count_, -1);
+  pattern_begin_.assign(1, 0);
+  pattern_.clear();
+  for (int i = 0; i < pose_count_; ++i) {
+    marks_[i] = i;
+    for (int k = slot_begin_[i]; k < slot_begin_[i + 1]; ++k) {
+      const int p = point_of_slot_[slots_of_pose_[k]];
+      for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+        const int j = pose_of_slot_[s];
+        if (marks_[j] == i) continue;
+        marks_[j] = i;
+        pattern_.push_back(j);
+      }
+    }
+    pattern_begin_.push_back(static_cast<int>(pattern_.size()));
+  }
+}
+
+void SchurSystem::list_products() {
+  products_.clear();
+  for (int p = 0; p < point_count_; ++p) {
+    for (int a = point_begin_[p]; a < point_begin_[p + 1]; ++a) {
+      const int position_a = reduced_.position(pose_of_slot_[a]);
+      products_.push_back({a, a, reduced_.diagonal(position_a)});
+      for (int b = a + 1; b < point_begin_[p + 1]; ++b) {
+        const int position_b = reduced_.position(pose_of_slot_[b]);
+        if (position_a < position_b) {
+          products_.push_back({b, a, reduced_.find(position_b, position_a)});
+        } else {
+          products_.push_back({a, b, reduced_.find(position_a, position_b)});
+        }
+      }
+    }
+  }
+}
+
+void SchurSystem::set_zero() {
+  std::fill(poses_.begin(), poses_.end(), PoseBlock{});
+  std::fill(points_.begin(), points_.end(), PointBlock{});
+  std::fill(cross_.begin(), cross_.end(), 0.0);
+}
+
+LmStep SchurSystem::solve(double damping) {
+  factorize_points(damping);
+  reduce(damping);
+  if (!reduced_.factorize()) return {};
+  reduced_.solve(right_);
+  for (int i = 0; i < pose_count_; ++i) {
+    std::copy_n(&right_[6 * static_cast<size_t>(reduced_.position(i))], 6,
+                &pose_steps_[6 * static_cast<size_t>(i)]);
+  }
+  substitute_points();
+  const double decrease = predicted_decrease(damping);
+  return {std::isfinite(decrease), decrease};
+}
+
+void SchurSystem::factorize_points(double damping) {
+  for (int p = 0; p < point_count_; ++p) {
+    double* inverse = &factors_[9 * static_cast<size_t>(p)];
+    invert_factor(points_[p].v, damping, inverse);
+    const double* g = points_[p].gradient;
+    double* y = inverse + 6;
+    y[0] = inverse[0] * g[0];
+    y[1] = inverse[1] * g[0] + inverse[2] * g[1];
+    y[2] = inverse[3] * g[0] + inverse[4] * g[1] + inverse[5] * g[2];
+    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+      scale_cross(cross(s), inverse, &scaled_[18 * static_cast<size_t>(s)]);
+    }
+  }
+}
+
+void SchurSystem::reduce(double damping) {
+  reduced_.set_zero();
+  for (int i = 0; i < pose_count_; ++i) {
+    const int position = reduced_.position(i);
+    double* diagonal = reduced_.block(reduced_.diagonal(position));
+    std::copy_n(poses_[i].u, 36, diagonal);
+    for (int k = 0; k < 6; ++k) {
+      diagonal[7 * k] += damping * scale_of(diagonal[7 * k]);
+      right_[6 * static_cast<size_t>(position) + k] = -poses_[i].gradient[k];
+    }
+  }
+  for (int p = 0; p < point_count_; ++p) {
+    const double* y = &factors_[9 * static_cast<size_t>(p) + 6];
+    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+      const size_t position = reduced_.position(pose_of_slot_[s]);
+      block::add_product<3>(&scaled_[18 * static_cast<size_t>(s)], y, 1.0, &right_[6 * position]);
+    }
+  }
+  for (const Product& product : products_) {
+    block::subtract_product<3>(&scaled_[18 * static_cast<size_t>(product.row_slot)],
+                               &scaled_[18 * static_cast<size_t>(product.column_slot)],
+                               reduced_.block(product.target));
+  }
+}
+
+void SchurSystem::substitute_points() {
+  for (int p = 0; p < point_count_; ++p) {
+    const double* inverse = &factors_[9 * static_cast<size_t>(p)];
+    double y[3] = {inverse[6], inverse[7], inverse[8]};
+    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+      block::add_transposed_product<3>(&scaled_[18 * static_cast<size_t>(s)], pose_step(pose_of_slot_[s]),
+                                       1.0, y);
+    }
+    double* step = &point_steps_[3 * static_cast<size_t>(p)];
+    step[0] = -(inverse[0] * y[0] + inverse[1] * y[1] + inverse[3] * y[2]);
+    step[1] = -(inverse[2] * y[1] + inverse[4] * y[2]);
+    step[2] = -(inverse[5] * y[2]);
+  }
+}
+
+// The quadratic model at the solution d of (H + lambda D) d = -g: 1/2 (lambda d^T D d - g^T d).
+double SchurSystem::predicted_decrease(double damping) const {
+  double sum = 0;
+  for (int i = 0; i < pose_count_; ++i) {
+    const double* d = pose_step(i);
+    for (int k = 0; k < 6; ++k) {
+      sum += d[k] * (damping * scale_of(poses_[i].u[7 * k]) * d[k] - poses_[i].gradient[k]);
+    }
+  }
+  for (int p = 0; p < point_count_; ++p) {
+    const double* d = point_step(p);
+    const double* v = points_[p].v;
+    const double diagonal[3] = {v[0], v[3], v[5]};
+    for (int k = 0; k < 3; ++k) {
+      sum += d[k] * (damping * scale_of(diagonal[k]) * d[k] - points_[p].gradient[k]);
+    }
+  }
+  return 0.5 * sum;
+}
+
+}  // namespace raysfm
