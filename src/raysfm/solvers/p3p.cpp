@@ -128,9 +128,9 @@ void polish(const Sides& sides, Vector3d* depths) {
     const double determinant = p * t * u + q * s * v;
     if (determinant == 0) return;
     const double scale = 0.5 / determinant;
-    const Vector3d step = scale * Vector3d(-t * v * r0 + q * v * r1 + p * t * r2,
-                                           t * u * r0 - q * u * r1 + q * s * r2,
-                                           s * v * r0 + p * u * r1 - p * s * r2);
+    const Vector3d step =
+        scale * Vector3d(-t * v * r0 + q * v * r1 + p * t * r2, t * u * r0 - q * u * r1 + q * s * r2,
+                         s * v * r0 + p * u * r1 - p * s * r2);
     if (!(step.squaredNorm() < 0.01 * d.squaredNorm())) return;
     d -= step;
   }
@@ -182,8 +182,8 @@ int solve_depths(const Sides& sides, int longest, std::array<Vector3d, 4>* depth
       if (d.sum() < 0) d = -d;
       if (!(d.minCoeff() > 0)) continue;
       // One scale for the three sides together.
-      const double perimeter2 = 2.0 * (d.squaredNorm() - sides.c[0] * d[1] * d[2] -
-                                       sides.c[1] * d[0] * d[2] - sides.c[2] * d[0] * d[1]);
+      const double perimeter2 = 2.0 * (d.squaredNorm() - sides.c[0] * d[1] * d[2] - sides.c[1] * d[0] * d[2] -
+                                       sides.c[2] * d[0] * d[1]);
       d *= std::sqrt((sides.a[0] + sides.a[1] + sides.a[2]) / perimeter2);
       polish(sides, &d);
       if (d.allFinite() && d.minCoeff() > 0) (*depths)[count++] = d;
@@ -196,7 +196,7 @@ int solve_depths(const Sides& sides, int longest, std::array<Vector3d, 4>* depth
 
 int p3p(std::span<const Vector3d, 3> bearings, std::span<const Vector3d, 3> points_in_world,
         std::array<Rigid3, 4>* cam_from_world) {
-  constexpr double kMinSine2 = 1e-20;     // of the triangle's angles, squared: collinear points
+  constexpr double kMinSine2 = 1e-20;       // of the triangle's angles, squared: collinear points
   constexpr double kMaxCosine = 1 - 1e-13;  // of the angle between bearings: coinciding ones
   const Vector3d edge1 = points_in_world[1] - points_in_world[0];
   const Vector3d edge2 = points_in_world[2] - points_in_world[0];

@@ -17,7 +17,9 @@ struct Problem {
   Rigid3 cam_from_world;
 };
 
-Vector3d normal_vector(Rng& rng) { return {rng.normal(), rng.normal(), rng.normal()}; }
+Vector3d normal_vector(Rng& rng) {
+  return {rng.normal(), rng.normal(), rng.normal()};
+}
 
 // Points in front of a camera with a wide view, anywhere in the world.
 Problem random_problem(Rng& rng, double scale = 1.0, double flatness = 1.0) {

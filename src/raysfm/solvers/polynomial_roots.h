@@ -1,0 +1,16 @@
+#pragma once
+
+#include <span>
+
+namespace raysfm {
+
+inline constexpr int kMaxRootDegree = 10;
+
+// Real roots within +-1e9 of sum_i coefficients[i] x^i, degree coefficients.size() - 1 <= kMaxRootDegree, by
+// a Sturm sequence and bracketed Newton iterations. Each distinct root is written once, in rising order; a
+// root of even multiplicity may be missed, being a change of the coefficients' last digits away from not
+// existing. `roots` has room for the degree. Returns how many; 0 for a constant and when a coefficient is not
+// finite.
+int real_roots(std::span<const double> coefficients, double* roots);
+
+}  // namespace raysfm
