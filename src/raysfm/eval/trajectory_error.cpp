@@ -24,11 +24,21 @@ Eigen::Matrix3Xd positions(std::span<const Rigid3> poses) {
   return points;
 }
 
-// Unit normal of the plane of the two largest principal components.
-Eigen::Vector3d plane_normal(const Eigen::Matrix3Xd& points) {
+// Axes of the plane of the two largest principal components of the positions, as Evaluation has them.
+Eigen::Matrix<double, 2, 3> plane_of_motion(std::span<const Rigid3> poses) {
+  const Eigen::Matrix3Xd points = positions(poses);
   const Eigen::Matrix3Xd centred = points.colwise() - points.rowwise().mean();
   const Eigen::Matrix3d covariance = centred * centred.transpose();
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvectors().col(0);
+  const Eigen::Matrix3d axes = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvectors();
+  Eigen::Vector3d right = axes.col(2);
+  if (right.dot(points.rightCols<1>() - points.leftCols<1>()) < 0) right = -right;
+  Eigen::Vector3d down = Eigen::Vector3d::Zero();
+  for (const Rigid3& pose : poses) down += pose.rotation * Eigen::Vector3d::UnitY();
+  Eigen::Vector3d ahead = axes.col(1);
+  if (right.cross(ahead).dot(down) > 0) ahead = -ahead;
+  Eigen::Matrix<double, 2, 3> plane_from_world;
+  plane_from_world << right.transpose(), ahead.transpose();
+  return plane_from_world;
 }
 
 std::vector<PosePair> consecutive_pairs(int count) {
@@ -37,7 +47,7 @@ std::vector<PosePair> consecutive_pairs(int count) {
   return pairs;
 }
 
-std::vector<double> column_norms(const Eigen::Matrix3Xd& columns) {
+std::vector<double> column_norms(const Eigen::MatrixXd& columns) {
   std::vector<double> norms(columns.cols());
   for (Eigen::Index i = 0; i < columns.cols(); ++i) norms[i] = columns.col(i).norm();
   return norms;
@@ -111,10 +121,10 @@ Result<Evaluation> evaluate(const Trajectory& estimate, const Trajectory& truth,
   for (Rigid3& pose : estimated_poses) pose = transform_pose(result.truth_from_estimate, pose);
 
   const Eigen::Matrix3Xd difference = positions(estimated_poses) - true_positions;
-  const Eigen::Vector3d up = plane_normal(true_positions);
+  result.plane_from_world = plane_of_motion(true_poses);
   result.position_errors = column_norms(difference);
   result.ate = error_statistics(result.position_errors);
-  result.ate_horizontal = error_statistics(column_norms(difference - up * (up.transpose() * difference)));
+  result.ate_horizontal = error_statistics(column_norms(result.plane_from_world * difference));
 
   result.coverage = static_cast<double>(result.matches.size()) / truth.size();
   result.length = path.back() - path.front();

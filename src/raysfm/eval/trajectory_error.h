@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <span>
 #include <vector>
@@ -48,6 +49,10 @@ struct Evaluation {
   Similarity3 truth_from_estimate;
   std::vector<Match> matches;
   std::vector<double> position_errors;  // one per match: distance after alignment
+  // Rows are the axes of the horizontal plane, see below: the longest extent of the true path to the right,
+  // and the other one such that a drawing with it upwards is a view from above the cameras (whose y axes
+  // point down).
+  Eigen::Matrix<double, 2, 3> plane_from_world;
 
   double coverage = 0;             // matched poses / poses of the truth, in [0, 1]
   double length = 0;               // of the true path, from the first matched pose to the last

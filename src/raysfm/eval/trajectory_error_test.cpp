@@ -101,6 +101,21 @@ TEST(Evaluate, HorizontalErrorLeavesOutTheAltitude) {
   }
 }
 
+TEST(Evaluate, DrawingPlaneIsSeenFromAbove) {
+  // Forward is z, then a turn to the right, towards x: on a map the turn must be clockwise.
+  Trajectory truth;
+  for (int i = 0; i < 20; ++i) {
+    truth.timestamps.push_back(i);
+    const double z = std::min(i, 12), x = std::max(i - 12, 0);
+    truth.world_from_cam.push_back({Eigen::Quaterniond::Identity(), {x, 0.1 * (i % 2), z}});
+  }
+  const Evaluation e = evaluate_ok(truth, truth, Alignment::kNone);
+  const Eigen::Vector2d ahead = e.plane_from_world * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector2d right = e.plane_from_world * Eigen::Vector3d::UnitX();
+  EXPECT_LT(ahead.x() * right.y() - ahead.y() * right.x(), -0.99);
+  EXPECT_GT(ahead.x(), 0.5);
+}
+
 TEST(Evaluate, RelativeRotationOfKnownSize) {
   const Trajectory truth = circle(50);
   Trajectory estimate = truth;
