@@ -1,0 +1,93 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <vector>
+
+#include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/core/random.h"
+
+namespace raysfm::test {
+
+// A rig that moves along a street and what it sees: exact truth, noisy pixels, and a start off the truth.
+struct BundleScene {
+  std::vector<Camera> cameras;
+  std::vector<Rigid3> true_poses, poses;  // rig_from_world
+  std::vector<uint8_t> pose_is_free;
+  std::vector<Eigen::Vector3d> true_points, points;
+  std::vector<uint8_t> point_is_fixed;
+  std::vector<BundleObservation> observations;
+  std::vector<uint8_t> is_inlier;
+
+  BundleProblem problem() {
+    return {cameras, poses, pose_is_free, points, point_is_fixed, observations, is_inlier};
+  }
+};
+
+struct BundleSceneOptions {
+  int poses = 10;
+  int free_poses = 3;  // the last ones
+  int points = 500;
+  int track = 5;  // consecutive poses that see a point
+  double noise_px = 0.5;
+  double pose_error = 0.01, point_error = 0.05;  // of the start; only of what is free
+  uint64_t seed = 1;
+  std::vector<Camera> cameras;  // empty: one pinhole camera
+};
+
+inline Camera pinhole_camera() {
+  Camera camera;
+  camera.model = Pinhole{500, 510, 320, 240};
+  camera.width = 640, camera.height = 480;
+  return camera;
+}
+
+inline Eigen::Vector3d random_vector(Rng& rng, double sigma) {
+  return {sigma * rng.normal(), sigma * rng.normal(), sigma * rng.normal()};
+}
+
+inline Rigid3 disturbed(const Rigid3& pose, Rng& rng, double sigma) {
+  Eigen::Matrix<double, 6, 1> delta;
+  delta << random_vector(rng, sigma), random_vector(rng, 0.1 * sigma);
+  return retract(pose, delta);
+}
+
+inline BundleScene make_bundle_scene(const BundleSceneOptions& options) {
+  Rng rng(options.seed);
+  BundleScene scene;
+  scene.cameras = options.cameras.empty() ? std::vector<Camera>{pinhole_camera()} : options.cameras;
+  for (int i = 0; i < options.poses; ++i) {
+    const Rigid3 world_from_rig{exp_so3({0.02 * std::sin(i), 0.05 * std::sin(0.3 * i), 0.01 * i}),
+                                Eigen::Vector3d(0.2 * std::sin(i), 0.1 * std::cos(i), 0.7 * i)};
+    scene.true_poses.push_back(world_from_rig.inverse());
+    const bool is_free = i >= options.poses - options.free_poses;
+    scene.pose_is_free.push_back(is_free);
+    scene.poses.push_back(is_free ? disturbed(scene.true_poses[i], rng, options.pose_error)
+                                  : scene.true_poses[i]);
+  }
+  for (int p = 0; p < options.points; ++p) {
+    const int first = static_cast<int>(rng.index(std::max(1, options.poses - options.track + 1)));
+    const Rigid3 world_from_rig = scene.true_poses[first].inverse();
+    // In front of the first pose that sees it, and of the last.
+    const double depth = 0.7 * options.track + rng.uniform(3, 15);
+    const Eigen::Vector3d x(rng.uniform(-0.4, 0.4) * depth, rng.uniform(-0.3, 0.3) * depth, depth);
+    scene.true_points.push_back(world_from_rig * x);
+    scene.points.push_back(scene.true_points[p] + random_vector(rng, options.point_error));
+    for (int i = first; i < std::min(options.poses, first + options.track); ++i) {
+      for (size_t c = 0; c < scene.cameras.size(); ++c) {
+        const Camera& camera = scene.cameras[c];
+        Eigen::Vector2d pixel;
+        if (!camera.project(camera.rig_from_cam.inverse() * (scene.true_poses[i] * scene.true_points[p]),
+                            &pixel)) {
+          continue;
+        }
+        pixel += options.noise_px * Eigen::Vector2d(rng.normal(), rng.normal());
+        scene.observations.push_back({i, p, static_cast<int>(c), pixel});
+      }
+    }
+  }
+  scene.is_inlier.assign(scene.observations.size(), 1);
+  return scene;
+}
+
+}  // namespace raysfm::test
