@@ -1,0 +1,38 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "raysfm/core/result.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/synth/world.h"
+
+namespace raysfm::synth {
+
+// Pose of the rig (world_from_rig) as an exact function of time in seconds, twice continuously
+// differentiable.
+using Motion = std::function<Rigid3(double time)>;
+
+struct MotionInfo {
+  std::string_view name;
+  std::string_view description;
+};
+
+// The motions that make_motion knows.
+const std::vector<MotionInfo>& motion_list();
+
+struct MotionOptions {
+  std::string name;     // empty: the world's habit
+  double duration = 0;  // seconds, positive; drive, loop, orbit and rotate reach their end then
+  double length = 0;    // metres of `drive`, positive
+  uint64_t seed = 0;    // of the phases of swaying and shaking
+};
+
+// `drive` goes the world's way, `loop` once round its circuit; `handheld` stays about one place, like someone
+// who shows a room; `orbit` goes round the world's centre and looks at it; `rotate` turns once about the
+// camera's centre, which does not move at all. Error: unknown name.
+Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionOptions& options);
+
+}  // namespace raysfm::synth

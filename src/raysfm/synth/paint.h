@@ -1,0 +1,23 @@
+#pragma once
+
+#include <functional>
+
+#include "raysfm/synth/materials.h"
+
+namespace raysfm::synth {
+
+// How to paint one pattern: texels per period and the colour at (u, v) in [0, 1)^2, u to the right and v
+// down.
+struct Painter {
+  int side;
+  std::function<Colour(float u, float v)> paint;
+};
+
+// `noise` must outlive the painter.
+Painter painter(Pattern pattern, int variant, const Texture& noise);
+
+// The two families, in files of their own: those that repeat, and those fitted to their surface.
+Painter repeating_painter(Pattern pattern, uint32_t seed, const Texture& noise);
+Painter fitted_painter(Pattern pattern, uint32_t seed, const Texture& noise);
+
+}  // namespace raysfm::synth

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/image/image.h"
+#include "raysfm/synth/motion.h"
+#include "raysfm/synth/scene.h"
+#include "raysfm/synth/world.h"
+
+namespace raysfm::synth {
+
+struct RenderOptions {
+  int samples = 4;     // rays per pixel: 1, 4, 9 or 16, on a regular grid
+  double noise = 1.5;  // standard deviation of Gaussian noise, grey levels; the same in all three channels
+  double shutter = 0;  // seconds that it stays open, centred on the frame's time; 0: no motion blur
+  int shutter_samples = 8;  // instants averaged while it is open
+  uint64_t seed = 0;        // of the noise
+};
+
+// Rays through a regular grid of points of the image, computed once per camera: `per_pixel` points along each
+// axis of a pixel, and `margin` points more on every side. Start and direction in the rig's frame.
+struct RayGrid {
+  int per_pixel = 0, margin = 0;
+  int width = 0, height = 0;  // points
+  int stride = 0;  // points per row in memory, a multiple of kRayPack; behind `width` rays are zero
+  std::vector<float> sx, sy, sz, dx, dy, dz;
+  std::vector<float> spread;  // radians between this ray and its neighbour
+
+  RayGrid(const Camera& camera, int samples, ThreadPool& pool);
+};
+
+// Largest number of grid points of a camera; more is refused before anything is allocated.
+constexpr int64_t kMaxGridPoints = int64_t{1} << 27;
+bool fits_in_memory(const Camera& camera, int samples);
+
+// Images of a world through one camera. Light falls on a pixel through a tent two pixels wide, as a lens and
+// a sensor blur together: images hold no frequencies that the pixel grid cannot carry.
+class Renderer {
+ public:
+  // `world` and `pool` must outlive it. fits_in_memory(camera, options.samples) must hold.
+  Renderer(const World& world, const Camera& camera, const RenderOptions& options, ThreadPool& pool);
+
+  // Image at `time` (seconds), blue, green, red interleaved: width 3 * camera width. `frame` and
+  // `camera_number` choose the noise. Bit-identical for any number of threads.
+  Image<uint8_t> render(const Motion& world_from_rig, double time, int frame, int camera_number = 0);
+
+ private:
+  void expose(const Rigid3& world_from_rig, double time, float weight);
+  void expose_row(const Scene& scene, const Eigen::Matrix3f& world_from_rig, int row, float weight);
+  void develop_row(int y, uint64_t stream, uint8_t* bgr) const;
+
+  const World& world_;
+  RenderOptions options_;
+  ThreadPool& pool_;
+  int width_, height_;
+  RayGrid grid_;
+  std::vector<float> light_;  // red, green, blue of each grid point
+  std::vector<float> tent_;   // weights of the grid points of one pixel along one axis
+};
+
+// Grey image of an interleaved blue, green, red one, with the weights of ITU-R BT.601.
+GrayImage to_gray(ImageView<const uint8_t> bgr);
+
+}  // namespace raysfm::synth

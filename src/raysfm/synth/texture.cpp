@@ -1,0 +1,101 @@
+#include "raysfm/synth/texture.h"
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <cmath>
+
+namespace raysfm::synth {
+
+namespace {
+
+uint32_t pack(const Colour& colour) {
+  const Eigen::Array3i c = (colour.max(0.f).min(255.f) + 0.5f).cast<int>();
+  return static_cast<uint32_t>(c.x() | c.y() << 8 | c.z() << 16);
+}
+
+uint64_t spread(uint32_t texel) {
+  return (texel | static_cast<uint64_t>(texel) << 24) & 0x00ff00ff00ff00ffULL;
+}
+
+uint32_t mean_of_four(uint32_t a, uint32_t b, uint32_t c, uint32_t d) {
+  const uint64_t sum = spread(a) + spread(b) + spread(c) + spread(d) + 0x0002000200020002ULL;
+  const uint64_t mean = (sum >> 2) & 0x00ff00ff00ff00ffULL;
+  return static_cast<uint32_t>(mean | mean >> 24);
+}
+
+Colour unpack(uint64_t lanes) {
+  constexpr float kScale = 1.f / 256.f;
+  return Colour(static_cast<float>(lanes & 0xffff), static_cast<float>(lanes >> 32 & 0xffff),
+                static_cast<float>(lanes >> 16 & 0xffff)) *
+         kScale;
+}
+
+// floor(256 x) for |x| < 2^22, without the slow library call.
+int fixed_point(float x) {
+  const float scaled = 256.f * x;
+  const int truncated = static_cast<int>(scaled);
+  return truncated - (static_cast<float>(truncated) > scaled);
+}
+
+// Continuous, piecewise linear stand-in for log2 of a positive number.
+float rough_log2(float x) {
+  const uint32_t bits = std::bit_cast<uint32_t>(x);
+  return static_cast<float>(static_cast<int>(bits >> 23) - 127) +
+         static_cast<float>(bits & 0x7fffff) * 0x1p-23f;
+}
+
+}  // namespace
+
+Texture::Texture(int side, const std::function<Colour(float u, float v)>& paint, ThreadPool& pool)
+    : side_(side), levels_(std::bit_width(static_cast<unsigned>(side))) {
+  assert(side >= 4 && side <= 4096 && std::has_single_bit(static_cast<unsigned>(side)));
+  uint32_t total = 0;
+  for (int level = 0; level < levels_; ++level) {
+    first_.push_back(total);
+    total += static_cast<uint32_t>((side >> level) * (side >> level));
+  }
+  texels_.resize(total);
+  const float step = 1.f / static_cast<float>(side);
+  pool.parallel_for(side, [&](int y) {
+    for (int x = 0; x < side; ++x) {
+      const Colour c = paint((static_cast<float>(x) + 0.5f) * step, (static_cast<float>(y) + 0.5f) * step);
+      texels_[static_cast<size_t>(y) * side + x] = pack(c);
+    }
+  });
+  for (int level = 1; level < levels_; ++level) {
+    const int n = side >> level;
+    const uint32_t* fine = texels_.data() + first_[level - 1];
+    uint32_t* coarse = texels_.data() + first_[level];
+    for (int y = 0; y < n; ++y) {
+      for (int x = 0; x < n; ++x) {
+        const uint32_t* f = fine + (4 * n * y + 2 * x);
+        coarse[y * n + x] = mean_of_four(f[0], f[1], f[2 * n], f[2 * n + 1]);
+      }
+    }
+  }
+}
+
+Texture::Lanes Texture::bilinear(int level, float u, float v) const {
+  const int n = side_ >> level;
+  const int x = fixed_point(u * static_cast<float>(n)) - 128;  // 1/256 texel, from the centre of texel 0
+  const int y = fixed_point(v * static_cast<float>(n)) - 128;
+  const int x0 = (x >> 8) & (n - 1), x1 = (x0 + 1) & (n - 1);
+  const uint32_t* row0 = texels_.data() + first_[level] + ((y >> 8) & (n - 1)) * n;
+  const uint32_t* row1 = texels_.data() + first_[level] + (((y >> 8) + 1) & (n - 1)) * n;
+  const uint64_t wx = x & 255, wy = y & 255;
+  const uint64_t w11 = (wx * wy + 128) >> 8;
+  return spread(row0[x0]) * (256 - wx - wy + w11) + spread(row0[x1]) * (wx - w11) +
+         spread(row1[x0]) * (wy - w11) + spread(row1[x1]) * w11;
+}
+
+Colour Texture::sample(float u, float v, float footprint) const {
+  const float texels = footprint * static_cast<float>(side_);
+  if (!(texels > 1.f)) return unpack(bilinear(0, u, v));
+  const float level = std::min(rough_log2(texels), static_cast<float>(levels_ - 1));
+  const int below = std::min(static_cast<int>(level), levels_ - 2);
+  const float weight = level - static_cast<float>(below);
+  return unpack(bilinear(below, u, v)) * (1.f - weight) + unpack(bilinear(below + 1, u, v)) * weight;
+}
+
+}  // namespace raysfm::synth
