@@ -7,9 +7,12 @@ namespace {
 
 int exit_code(raysfm::ErrorKind kind) {
   switch (kind) {
-    case raysfm::ErrorKind::kBadInput: return 2;
-    case raysfm::ErrorKind::kNoReconstruction: return 3;
-    case raysfm::ErrorKind::kInternal: return 1;
+    case raysfm::ErrorKind::kBadInput:
+      return 2;
+    case raysfm::ErrorKind::kNoReconstruction:
+      return 3;
+    case raysfm::ErrorKind::kInternal:
+      return 1;
   }
   return 1;
 }

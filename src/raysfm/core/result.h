@@ -21,11 +21,15 @@ struct Error {
   std::string message;
 };
 
-inline Error bad_input(std::string message) { return {ErrorKind::kBadInput, std::move(message)}; }
+inline Error bad_input(std::string message) {
+  return {ErrorKind::kBadInput, std::move(message)};
+}
 inline Error no_reconstruction(std::string message) {
   return {ErrorKind::kNoReconstruction, std::move(message)};
 }
-inline Error internal_error(std::string message) { return {ErrorKind::kInternal, std::move(message)}; }
+inline Error internal_error(std::string message) {
+  return {ErrorKind::kInternal, std::move(message)};
+}
 
 // A value or the reason why there is none. Expected failures travel in it; nothing is thrown.
 template <typename T>

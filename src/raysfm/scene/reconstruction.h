@@ -14,7 +14,8 @@ namespace raysfm {
 
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-// One frame of the input. `world_from_rig` is empty where the frame could not be posed; `reason` then says why.
+// One frame of the input. `world_from_rig` is empty where the frame could not be posed; `reason` then says
+// why.
 struct PosedFrame {
   double timestamp = 0;  // seconds
   int segment = -1;      // index into Reconstruction::segments, -1 without a pose
@@ -24,7 +25,8 @@ struct PosedFrame {
   std::string image_name;  // name of the image file or "frame_000012"
 };
 
-// A key frame's observations are the range [first_observation, last_observation) of Reconstruction::observations.
+// A key frame's observations are the range [first_observation, last_observation) of
+// Reconstruction::observations.
 struct KeyFrame {
   int frame = 0;  // index into Reconstruction::frames
   int first_observation = 0;

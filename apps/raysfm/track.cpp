@@ -1,0 +1,165 @@
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <type_traits>
+#include <variant>
+
+#include "commands.h"
+#include "raysfm/api/config.h"
+#include "raysfm/api/track.h"
+#include "raysfm/io/output_folder.h"
+
+namespace raysfm::app {
+namespace {
+
+std::atomic<bool> stop_requested = false;
+volatile std::sig_atomic_t received_signal = 0;
+
+void on_signal(int signal) {
+  received_signal = signal;
+  stop_requested = true;
+}
+
+struct Arguments {
+  TrackSettings settings;
+  std::string out;
+};
+
+// A line that rewrites itself on a terminal, now and then a plain line elsewhere.
+class ProgressPrinter {
+ public:
+  explicit ProgressPrinter(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+
+  void show(const TrackProgress& p) {
+    if (quiet_ || (!terminal_ && p.frames % 100 != 0) || (terminal_ && p.frames % 5 != 0)) return;
+    char total[32] = "";
+    if (p.total >= 0) std::snprintf(total, sizeof total, "/%d", p.total);
+    std::fprintf(stderr, "%sframe %d%s, %d posed%s", terminal_ ? "\r" : "", p.frames, total, p.posed,
+                 terminal_ ? "\033[K" : "\n");
+    dirty_ = terminal_;
+  }
+  void line(const std::string& text) {
+    if (quiet_) return;
+    finish();
+    std::fprintf(stderr, "%s\n", text.c_str());
+  }
+  void finish() {
+    if (dirty_) std::fputc('\n', stderr);
+    dirty_ = false;
+  }
+
+ private:
+  bool quiet_, terminal_, dirty_ = false;
+};
+
+void print_summary(const TrackResult& result, const std::string& out) {
+  const Reconstruction& r = result.reconstruction;
+  int posed = 0;
+  for (const PosedFrame& f : r.frames) posed += f.world_from_rig.has_value();
+  std::printf("%d of %zu frames posed in %zu segment%s, %zu key frames, %zu points, rms %.2f px\n", posed,
+              r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s", r.keyframes.size(),
+              r.points.size(), r.rms_reprojection_px);
+  std::printf("scale %s, %.1f s, %.1f frames/s, %.0f MiB; written to %s\n",
+              r.metric_scale ? "metric" : "arbitrary", result.report.wall_s, result.report.frames_per_second,
+              result.report.peak_rss_mib, out.c_str());
+}
+
+std::string first_reason(const Reconstruction& r) {
+  for (const PosedFrame& f : r.frames) {
+    if (!f.reason.empty()) return f.reason;
+  }
+  return "no frames";
+}
+
+Result<int> run(Arguments& arguments, const CommonOptions& common) {
+  TrackSettings& settings = arguments.settings;
+  stop_requested = false;
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  ProgressPrinter printer(common.quiet);
+  TrackCallbacks callbacks;
+  callbacks.stop = &stop_requested;
+  callbacks.progress = [&](const TrackProgress& p) { printer.show(p); };
+  callbacks.event = [&](const Event& e) {
+    printer.line((e.level == Event::Level::kWarning ? "warning: " : "") + e.message);
+  };
+  Result<TrackResult> result = track(settings, callbacks);
+  printer.finish();
+  if (!result) return result.error();
+  result->report.version = RAYSFM_VERSION;
+  if (auto r = write_output_folder(result->reconstruction, result->report,
+                                   effective_config(settings, RAYSFM_VERSION), arguments.out);
+      !r) {
+    return r.error();
+  }
+  if (!common.quiet) print_summary(*result, arguments.out);
+  if (result->interrupted) return 128 + received_signal;
+  if (result->reconstruction.segments.empty()) return no_reconstruction(first_reason(result->reconstruction));
+  return 0;
+}
+
+// --seed and --threads belong to every subcommand; main() has them.
+bool is_common(const SettingField& field) {
+  return field.name == "seed" || field.name == "threads";
+}
+
+// Merges the configuration file into what the command line left open.
+Result<void> settle(Arguments& arguments, const CLI::App& command, const CLI::App& program,
+                    const CommonOptions& common) {
+  TrackSettings& settings = arguments.settings;
+  const std::vector<SettingField> fields = setting_fields(settings);
+  std::set<std::string> given;
+  for (const SettingField& field : fields) {
+    const CLI::App& owner = is_common(field) ? program : command;
+    if (owner.count("--" + field.name) > 0) given.insert(field.name);
+  }
+  settings.threads = common.threads;
+  settings.odometry.seed = common.seed;
+  if (common.config.empty()) return {};
+  return read_config(common.config, fields, given);
+}
+
+// One flag for each setting of the table that configuration files share.
+void add_setting(CLI::App* command, const SettingField& field) {
+  const std::string flag = "--" + field.name;
+  std::visit(
+      [&](auto* value) {
+        if constexpr (std::is_same_v<decltype(value), bool*>) {
+          command->add_flag(flag, *value, field.help);
+        } else {
+          CLI::Option* option = command->add_option(flag, *value, field.help);
+          if constexpr (std::is_same_v<decltype(value), std::string*>) {
+            if (!field.allowed.empty()) option->check(CLI::IsMember(field.allowed));
+            if (value->empty()) return;
+          }
+          option->capture_default_str();
+        }
+      },
+      field.value);
+}
+
+}  // namespace
+
+Command add_track(CLI::App& program, const CommonOptions& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* command = program.add_subcommand("track", "calibrated camera, video to trajectory and map");
+  command
+      ->add_option("INPUT", arguments->settings.inputs,
+                   "video, image folder or pattern, sequence folder, device")
+      ->required();
+  command->add_option("--out", arguments->out, "folder for the results")->required();
+  for (const SettingField& field : setting_fields(arguments->settings)) {
+    if (!is_common(field)) add_setting(command, field);
+  }
+  return [arguments, command, &program, &common]() -> Result<int> {
+    if (auto r = settle(*arguments, *command, program, common); !r) return r.error();
+    return run(*arguments, common);
+  };
+}
+
+}  // namespace raysfm::app

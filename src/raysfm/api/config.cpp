@@ -1,0 +1,121 @@
+#include "raysfm/api/config.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <type_traits>
+
+namespace raysfm {
+namespace {
+
+constexpr uintmax_t kMaxConfigBytes = 1 << 20;
+
+// What config.yaml records beside the settings.
+bool is_record(const std::string& key) {
+  return key == "version" || key == "input";
+}
+
+template <typename T>
+const char* kind_of() {
+  if constexpr (std::is_same_v<T, bool>) return "true or false";
+  if constexpr (std::is_same_v<T, double>) return "a number";
+  if constexpr (std::is_same_v<T, std::string>) return "a text";
+  return "a whole number";
+}
+
+Result<void> assign(const std::filesystem::path& path, const SettingField& field, const YAML::Node& node) {
+  return std::visit(
+      [&](auto* target) -> Result<void> {
+        using T = std::remove_pointer_t<decltype(target)>;
+        const std::string text = node.IsScalar() ? node.Scalar() : "(not a single value)";
+        T value{};
+        if (!node.IsScalar() || !YAML::convert<T>::decode(node, value)) {
+          return bad_input(
+              fmt::format("{}: {}: '{}' must be {}", path.string(), field.name, text, kind_of<T>()));
+        }
+        if constexpr (std::is_same_v<T, std::string>) {
+          if (!field.allowed.empty() && std::ranges::find(field.allowed, value) == field.allowed.end()) {
+            return bad_input(fmt::format("{}: {}: '{}' must be one of {}", path.string(), field.name, value,
+                                         fmt::join(field.allowed, ", ")));
+          }
+        }
+        *target = value;
+        return {};
+      },
+      field.value);
+}
+
+std::string quoted(const std::string& text) {
+  YAML::Emitter out;
+  out << YAML::DoubleQuoted << text;
+  return out.c_str();
+}
+
+}  // namespace
+
+std::vector<SettingField> setting_fields(TrackSettings& s) {
+  OdometryOptions& o = s.odometry;
+  return {
+      {"camera", "camera file; default: the one beside the images", &s.camera, {}},
+      {"fps", "frames per second of images without timestamps", &s.fps, {}},
+      {"mono", "use only the first camera of a stereo layout", &s.mono, {}},
+      {"seed", "seed of every random choice", &o.seed, {}},
+      {"threads", "worker threads; 0 for as many as the machine has", &s.threads, {}},
+      {"error", "residual that is minimised", &s.error, {"auto", "pixel"}},
+      {"start", "how the first views are posed", &s.start, {"auto", "five-point"}},
+      {"final", "adjustment of everything at the end", &s.final, {"none", "global"}},
+      {"features", "corners per frame", &o.features, {}},
+      {"min-matches", "fewer matches with the last key frame ask for a new one", &o.min_matches, {}},
+      {"free-cameras", "key frames that a local adjustment moves", &o.free_cameras, {}},
+      {"window", "key frames that a local adjustment observes", &o.window, {}},
+      {"global-until", "key frames up to which everything is adjusted", &o.global_until, {}},
+  };
+}
+
+Result<void> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
+                         const std::set<std::string>& given) {
+  std::error_code error;
+  const uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) return bad_input(fmt::format("{}: {}", path.string(), error.message()));
+  if (size > kMaxConfigBytes) {
+    return bad_input(
+        fmt::format("{}: {} bytes; a configuration has at most {}", path.string(), size, kMaxConfigBytes));
+  }
+  try {
+    const YAML::Node root = YAML::LoadFile(path.string());
+    if (root.IsNull()) return {};
+    if (!root.IsMap())
+      return bad_input(fmt::format("{}: must be a list of 'name: value' lines", path.string()));
+    for (const auto& entry : root) {
+      const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
+      if (is_record(key) || given.contains(key)) continue;
+      const auto field = std::ranges::find(fields, key, &SettingField::name);
+      if (field == fields.end()) return bad_input(fmt::format("{}: '{}' is no setting", path.string(), key));
+      if (auto r = assign(path, *field, entry.second); !r) return r;
+    }
+  } catch (const YAML::Exception& e) {
+    return bad_input(fmt::format("{}: not readable as YAML: {}", path.string(), e.what()));
+  }
+  return {};
+}
+
+std::string effective_config(TrackSettings settings, const std::string& version) {
+  std::string out = fmt::format("version: {}\ninput:\n", quoted(version));
+  for (const std::string& input : settings.inputs) out += fmt::format("  - {}\n", quoted(input));
+  for (const SettingField& field : setting_fields(settings)) {
+    std::visit(
+        [&](auto* value) {
+          if constexpr (std::is_same_v<decltype(value), std::string*>) {
+            out += fmt::format("{}: {}\n", field.name, quoted(*value));
+          } else {
+            out += fmt::format("{}: {}\n", field.name, *value);
+          }
+        },
+        field.value);
+  }
+  return out;
+}
+
+}  // namespace raysfm

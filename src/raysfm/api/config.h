@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "raysfm/api/track.h"
+#include "raysfm/core/result.h"
+
+namespace raysfm {
+
+// One setting under the name that the command line (--name) and YAML files (name:) share.
+struct SettingField {
+  std::string name;
+  std::string help;
+  std::variant<int*, double*, bool*, uint64_t*, std::string*> value;  // the default until it is set
+  std::vector<std::string> allowed;                                   // of a string; empty: anything
+};
+
+// All settings of `track` but its inputs and its output folder. The fields point into `settings`.
+std::vector<SettingField> setting_fields(TrackSettings& settings);
+
+// Sets the fields that the YAML file names and `given` does not hold (what the command line said wins). Keys
+// that config.yaml of an output folder holds beside the settings are passed over. Errors: bad input naming
+// file, key, value and what is allowed.
+Result<void> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
+                         const std::set<std::string>& given);
+
+// Text of config.yaml: version, inputs and every setting as it was in effect. read_config() reads it back.
+std::string effective_config(TrackSettings settings, const std::string& version);
+
+}  // namespace raysfm

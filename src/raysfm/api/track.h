@@ -1,0 +1,51 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/events.h"
+#include "raysfm/core/result.h"
+#include "raysfm/io/report_file.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+// What `raysfm track` is told. Field names are those of the command line and of --config.
+struct TrackSettings {
+  std::vector<std::string> inputs;
+  std::string camera;          // path; empty: taken from the input's layout
+  double fps = 0;              // frames per second of inputs without timestamps; 0: unknown
+  bool mono = false;           // only the first camera of a layout that has several
+  int threads = 0;             // 0: as many as the machine has; never changes a result
+  std::string error = "auto";  // "auto" or "pixel"
+  std::string start = "auto";  // "auto" or "five-point"
+  std::string final = "none";  // "none" or "global": adjustment of everything at the end
+  OdometryOptions odometry;
+};
+
+struct TrackProgress {
+  int frames = 0;  // done
+  int total = -1;  // -1: unknown
+  int posed = 0;
+};
+
+struct TrackResult {
+  Reconstruction reconstruction;
+  Report report;
+  bool interrupted = false;
+};
+
+struct TrackCallbacks {
+  EventSink event;
+  std::function<void(const TrackProgress&)> progress;
+  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
+};
+
+// Video of a calibrated camera to trajectory and map. Errors: bad input. A reconstruction without a single
+// pose is a value; its frames say why.
+Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks);
+
+}  // namespace raysfm

@@ -1,0 +1,169 @@
+#include "raysfm/odometry/localiser.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace raysfm {
+namespace {
+
+constexpr float kMinZncc = 0.7f;
+constexpr float kMinZnccAligned = 0.8f;   // where no corner confirms the place
+constexpr float kMaxCornerOffset = 3.0f;  // pixels between a corner and the place that the pose predicts
+constexpr double kCornerError = 4.0;      // pixels: inliers before the alignment
+constexpr double kAlignedError = 2.0;     // pixels: inliers after it
+constexpr int kMinInliers = 20;
+
+}  // namespace
+
+LocalMap make_local_map(const Map& map, int anchor, int reach) {
+  LocalMap local;
+  local.anchor = anchor;
+  std::vector<int> keyframes(map.keyframes.size());
+  for (size_t i = 0; i < keyframes.size(); ++i) keyframes[i] = static_cast<int>(i);
+  std::stable_sort(keyframes.begin(), keyframes.end(),
+                   [&](int a, int b) { return std::abs(a - anchor) < std::abs(b - anchor); });
+  keyframes.resize(std::min<size_t>(keyframes.size(), reach + 1));
+
+  std::vector<uint8_t> taken(map.tracks.size(), 0);
+  for (const int k : keyframes) {
+    const MapKeyFrame& keyframe = map.keyframes[k];
+    for (int f = 0; f < keyframe.size(); ++f) {
+      const int track = keyframe.tracks[f];
+      if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated || taken[track]) continue;
+      taken[track] = 1;
+      local.points.push_back({track, k, f});
+    }
+  }
+  std::stable_sort(local.points.begin(), local.points.end(),
+                   [](const LocalPoint& a, const LocalPoint& b) { return a.keyframe < b.keyframe; });
+  return local;
+}
+
+void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                        const Rigid3& rig_from_world, float radius) {
+  const Camera& camera = rig_.cameras[0];
+  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+  queries_.clear();
+  int keyframe = -1;
+  Rigid3 cam_from_keyframe;
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();  // of the key frame, world
+  for (const LocalPoint& p : local.points) {
+    if (p.keyframe != keyframe) {
+      keyframe = p.keyframe;
+      const Rigid3 world_from_keyframe =
+          map.keyframes[keyframe].rig_from_world.inverse() * camera.rig_from_cam;
+      cam_from_keyframe = cam_from_rig * rig_from_world * world_from_keyframe;
+      center = world_from_keyframe.translation;
+    }
+    PatchQuery query{.keyframe = p.keyframe, .feature = p.feature, .track = p.track, .radius = radius};
+    const Eigen::Vector3d& position = map.tracks[p.track].position;
+    if (!predict_patch(camera, views[keyframe], p.feature, (position - center).norm(), cam_from_keyframe,
+                       &query)) {
+      continue;
+    }
+    Eigen::Vector2d pixel;
+    if (!camera.project(cam_from_rig * (rig_from_world * position), &pixel)) continue;
+    query.predicted = pixel.cast<float>();
+    queries_.push_back(query);
+  }
+}
+
+void Localiser::collect_aligned(const Map& map, const LocalMap& local, std::span<const GuidedMatch> corners) {
+  candidates_.clear();
+  points_.clear();
+  pixels_.clear();
+  (void)local;
+  for (size_t i = 0; i < queries_.size(); ++i) {
+    const PatchAlignment& a = alignments_[i];
+    if (!a.converged) continue;
+    const int corner = corner_of_query_[i];
+    if (corner < 0 && a.zncc < kMinZnccAligned) continue;
+    candidates_.push_back(
+        {queries_[i].track, queries_[i].keyframe, corner < 0 ? -1 : corners[corner].feature, a.pixel});
+    points_.push_back(map.tracks[queries_[i].track].position);
+    pixels_.push_back(a.pixel.cast<double>());
+  }
+}
+
+Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                                 const View& view, const Rigid3& predicted_rig_from_world, float radius) {
+  Localisation out;
+  const PoseObservations observations_of = {};
+  (void)observations_of;
+
+  {
+    ScopedTimer timer(match_timing);
+    predict(map, views, local, predicted_rig_from_world, radius);
+    matcher_.match(views, queries_, view, kMinZncc, &corners_);
+    points_.clear();
+    pixels_.clear();
+    for (const GuidedMatch& m : corners_) {
+      points_.push_back(map.tracks[queries_[m.query].track].position);
+      pixels_.push_back(m.pixel.cast<double>());
+    }
+  }
+  PoseOptions pose_options{.max_error_px = kCornerError,
+                           .min_inliers = kMinInliers,
+                           .seed = options_.seed,
+                           .stream = static_cast<uint64_t>(view.frame)};
+  {
+    ScopedTimer timer(pose_timing);
+    estimator_.estimate(rig_, {points_, pixels_, {}}, &predicted_rig_from_world, pose_options, &estimate_);
+  }
+  if (!estimate_.ok()) {
+    out.reason = fmt::format("{} of {} visible points matched, {} agree on a pose", corners_.size(),
+                             queries_.size(), estimate_.inlier_count);
+    return out;
+  }
+
+  {
+    ScopedTimer timer(align_timing);
+    // Corners found in the first pass keep their match where the pose confirms it.
+    std::vector<int> corner_of_track_query(queries_.size(), -1);
+    std::vector<int> track_of_corner;
+    std::vector<std::pair<int, int>> found;  // (track, corner index)
+    found.reserve(corners_.size());
+    for (size_t i = 0; i < corners_.size(); ++i) {
+      found.push_back({queries_[corners_[i].query].track, static_cast<int>(i)});
+    }
+    std::sort(found.begin(), found.end());
+    predict(map, views, local, estimate_.rig_from_world, kMaxCornerOffset);
+    corner_of_query_.assign(queries_.size(), -1);
+    starts_.clear();
+    for (size_t i = 0; i < queries_.size(); ++i) {
+      const auto it = std::lower_bound(found.begin(), found.end(), std::pair(queries_[i].track, -1));
+      if (it != found.end() && it->first == queries_[i].track) {
+        const Eigen::Vector2f corner = corners_[it->second].pixel;
+        if ((corner - queries_[i].predicted).norm() < kMaxCornerOffset) corner_of_query_[i] = it->second;
+      }
+      starts_.push_back(queries_[i].predicted);
+    }
+    matcher_.align(views, queries_, starts_, view, {}, &alignments_);
+    collect_aligned(map, local, corners_);
+  }
+  {
+    ScopedTimer timer(pose_timing);
+    const Rigid3 prior = estimate_.rig_from_world;
+    pose_options.max_error_px = kAlignedError;
+    estimator_.estimate(rig_, {points_, pixels_, {}}, &prior, pose_options, &estimate_);
+  }
+  out.visible = static_cast<int>(queries_.size());
+  if (!estimate_.ok()) {
+    out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
+                             queries_.size(), estimate_.inlier_count);
+    return out;
+  }
+  out.ok = true;
+  out.rig_from_world = estimate_.rig_from_world;
+  out.covariance = estimate_.covariance;
+  out.sigma_px = estimate_.sigma_px;
+  for (size_t i = 0; i < candidates_.size(); ++i) {
+    if (!estimate_.inlier[i]) continue;
+    out.matches.push_back(candidates_[i]);
+    out.matched_with_anchor += candidates_[i].keyframe == local.anchor;
+  }
+  return out;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/timer.h"
+#include "raysfm/odometry/guided_matcher.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/robust/absolute_pose.h"
+#include "raysfm/scene/map.h"
+
+namespace raysfm {
+
+// A map point as it will be looked for: the patch of `feature` in `keyframe`.
+struct LocalPoint {
+  int track = 0;
+  int keyframe = 0;
+  int feature = 0;
+};
+
+// The points that frames near a key frame may see, sorted by key frame.
+struct LocalMap {
+  int anchor = 0;  // the key frame
+  std::vector<LocalPoint> points;
+};
+
+// The points of the anchor, then those of the `reach` key frames nearest to it in time that it does not see.
+LocalMap make_local_map(const Map& map, int anchor, int reach);
+
+// A map point seen in a frame.
+struct PointMatch {
+  int track = 0;
+  int keyframe = 0;  // whose patch was found
+  int feature = -1;  // of the frame's view; -1 where only the alignment found the place
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+};
+
+// Pose of a frame against the map, or why there is none.
+struct Localisation {
+  bool ok = false;
+  std::string reason;
+  Rigid3 rig_from_world;
+  Matrix6d covariance = Matrix6d::Zero();  // of the tangent of rig_from_world
+  double sigma_px = 0;
+  std::vector<PointMatch> matches;  // the inliers
+  int visible = 0;                  // points of the local map that the frame should see
+  int matched_with_anchor = 0;      // inliers that the anchor sees
+};
+
+// Pose of a frame (LBA09 2.3): match with the map guided by a predicted pose, RANSAC, sub-pixel alignment,
+// refinement with covariance. Owns scratch memory.
+class Localiser {
+ public:
+  Localiser(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+
+  // `radius`: of the region of interest about the predicted places, pixels. Points that are not found near a
+  // corner are still aligned where the pose expects them.
+  Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                        const View& view, const Rigid3& predicted_rig_from_world, float radius);
+
+  StageTiming match_timing, pose_timing, align_timing;
+
+ private:
+  void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+               const Rigid3& rig_from_world, float radius);
+  void collect_aligned(const Map& map, const LocalMap& local, std::span<const GuidedMatch> corners);
+
+  const Rig& rig_;
+  const OdometryOptions& options_;
+  GuidedMatcher matcher_;
+  PoseEstimator estimator_;
+  PoseEstimate estimate_;
+  std::vector<PatchQuery> queries_;
+  std::vector<GuidedMatch> corners_;
+  std::vector<int> corner_of_query_;
+  std::vector<Eigen::Vector2f> starts_;
+  std::vector<PatchAlignment> alignments_;
+  std::vector<Eigen::Vector3d> points_;
+  std::vector<Eigen::Vector2d> pixels_;
+  std::vector<PointMatch> candidates_;
+};
+
+}  // namespace raysfm

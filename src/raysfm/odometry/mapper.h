@@ -1,0 +1,65 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "raysfm/bundle/bundle_adjuster.h"
+#include "raysfm/core/timer.h"
+#include "raysfm/odometry/guided_matcher.h"
+#include "raysfm/odometry/localiser.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/scene/map.h"
+
+namespace raysfm {
+
+// Grows a map by key frames (LBA09 2.4 and 2.5). Owns scratch memory.
+class Mapper {
+ public:
+  Mapper(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+
+  // Makes a posed frame the newest key frame: takes over its matches, follows the tracks that have no
+  // position yet, triangulates, starts new tracks at the remaining corners, adjusts the end of the map.
+  void add_keyframe(const ViewPtr& view, const Localisation& pose, Map* map,
+                    std::vector<KeyFrameView>* views);
+
+  // Triangulates the tracks of the newest key frame that have no position, where parallax and reprojection
+  // allow.
+  void triangulate_tracks(Map* map);
+
+  // Adjusts the newest key frames and their points in two stages (2.5).
+  void adjust_locally(Map* map);
+
+  // Adjusts everything until it converges.
+  void adjust_globally(Map* map);
+
+  StageTiming keyframe_timing, adjust_timing;
+
+ private:
+  void follow_tracks(const View& view, int anchor, int keyframe, Map* map, std::vector<KeyFrameView>* views);
+  void adjust(Map* map, int first_observed, int first_free, int max_iterations);
+
+  const Rig& rig_;
+  const OdometryOptions& options_;
+  GuidedMatcher matcher_;
+  BundleAdjuster adjuster_;
+  std::vector<PatchQuery> queries_;
+  std::vector<GuidedMatch> matches_;
+  std::vector<Eigen::Vector2f> starts_;
+  std::vector<PatchAlignment> alignments_;
+  std::vector<Ray> rays_;
+
+  // The window as flat arrays, and where its elements came from.
+  std::vector<Rigid3> window_poses_;
+  std::vector<uint8_t> window_free_;
+  std::vector<Eigen::Vector3d> window_points_;
+  std::vector<int> window_tracks_;
+  std::vector<int> window_point_of_track_;
+  std::vector<BundleObservation> window_observations_;
+  std::vector<TrackObservation> window_sources_;
+  std::vector<uint8_t> window_inliers_;
+};
+
+// Starts a new track at every corner that is at least `spacing` pixels from the features of the key frame.
+void start_tracks(const View& view, float spacing, int keyframe, Map* map);
+
+}  // namespace raysfm

@@ -1,0 +1,360 @@
+#include "raysfm/odometry/odometry.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <numeric>
+
+namespace raysfm {
+namespace {
+
+constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
+constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
+constexpr int kKeptViews = 30;           // key frames whose images are kept
+// Radii of the region of interest as parts of the image's width: prediction good, doubtful, none.
+constexpr float kRadius = 0.015f, kWideRadius = 0.04f, kBlindRadius = 0.12f;
+constexpr int kMinMatches = 20;
+constexpr double kMinMatchedShare = 0.15;   // of the visible points
+constexpr double kGoodMatchedShare = 0.35;  // below, a wider search is worth its time
+constexpr double kKeyFrameShare = 0.6;      // rule 1 of 2.4 where the key frame has few points
+
+bool believable(const Localisation& pose) {
+  const int found = static_cast<int>(pose.matches.size());
+  return pose.ok && found >= kMinMatches && found >= kMinMatchedShare * pose.visible;
+}
+
+bool convincing(const Localisation& pose) {
+  return believable(pose) && static_cast<double>(pose.matches.size()) >= kGoodMatchedShare * pose.visible;
+}
+
+// Pose part of the way from a to b.
+Rigid3 interpolate(const Rigid3& a, const Rigid3& b, double part) {
+  return {a.rotation.slerp(part, b.rotation), (1 - part) * a.translation + part * b.translation};
+}
+
+}  // namespace
+
+Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events)
+    : rig_(std::move(rig)),
+      options_(options),
+      events_(std::move(events)),
+      localiser_(rig_, options_),
+      mapper_(rig_, options_) {
+  starter_.emplace(rig_, options_);
+}
+
+void Odometry::tell(Event::Level level, std::string message) const {
+  if (events_) events_({level, std::move(message)});
+}
+
+void Odometry::process(ViewPtr view) {
+  ScopedTimer timer(frame_timing_);
+  detect_timing_.add(view->detect_ms);
+  frames_.push_back({view->timestamp, view->name, "", -1, -1, {}, Matrix6d::Zero()});
+  if (tracking()) {
+    track(view);
+  } else if (segments_.empty() || !relocalise(view)) {
+    start(view);
+  }
+}
+
+void Odometry::start(const ViewPtr& view) {
+  ScopedTimer timer(start_timing_);
+  const int attempts = starter_->attempts();
+  std::optional<Start> start = starter_->push(view, mapper_);
+  if (starter_->attempts() > attempts && !start) {
+    tell(Event::Level::kWarning, fmt::format("no start yet: {}", starter_->reason()));
+  }
+  if (!start) return;
+  const std::vector<ViewPtr> views = starter_->views();
+  starter_.emplace(rig_, options_);
+  begin_segment(std::move(*start), views);
+}
+
+void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
+  const std::vector<int> chosen = start.summary.frames;
+  tell(Event::Level::kInfo, fmt::format("started from frames {}, {}, {} with {} points", chosen[0], chosen[1],
+                                        chosen[2], start.summary.inliers));
+  segments_.push_back({std::move(start.map), std::move(start.views), std::move(start.summary)});
+  pose_earlier_frames(views);
+
+  const Map& map = segment().map;
+  const Rigid3 newest = map.keyframes[2].rig_from_world;
+  const Rigid3 step = newest * map.keyframes[1].rig_from_world.inverse();
+  const double part = 1.0 / (chosen[2] - chosen[1]);
+  const auto third =
+      std::find_if(views.begin(), views.end(), [&](const ViewPtr& v) { return v->frame == chosen[2]; });
+  Localisation pose;
+  pose.ok = true;
+  pose.rig_from_world = newest;
+  previous_ = Previous{*third, pose, interpolate(Rigid3{}, step, part)};
+  local_ = make_local_map(map, 2, kReach);
+  anchor_points_ = static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
+                                                  [](const LocalPoint& p) { return p.keyframe == 2; }));
+  for (auto it = third + 1; it != views.end(); ++it) {
+    if (tracking()) {
+      track(*it);
+    } else if (!relocalise(*it)) {
+      this->start(*it);
+    }
+  }
+}
+
+// Frames up to the third key frame: those between are posed from their neighbours, those before the first by
+// going back in time while the map reaches.
+void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views) {
+  const Map& map = segment().map;
+  Rigid3 next = map.keyframes[2].rig_from_world, velocity;
+  int keyframe = 2;
+  bool in_reach = true;
+  for (auto it = views.rbegin(); it != views.rend(); ++it) {
+    const View& view = **it;
+    if (view.frame > map.keyframes[2].frame) continue;
+    while (keyframe > 0 && view.frame < map.keyframes[keyframe].frame) --keyframe;
+    Localisation pose;
+    if (view.frame == map.keyframes[keyframe].frame) {
+      pose.ok = true;
+      pose.rig_from_world = map.keyframes[keyframe].rig_from_world;
+      pose.covariance = Matrix6d::Zero();
+    } else {
+      Rigid3 predicted = velocity * next;
+      if (view.frame > map.keyframes[0].frame) {
+        const MapKeyFrame &a = map.keyframes[keyframe], &b = map.keyframes[keyframe + 1];
+        predicted = interpolate(a.rig_from_world, b.rig_from_world,
+                                double(view.frame - a.frame) / double(b.frame - a.frame));
+      }
+      if (!in_reach) break;
+      const float width = static_cast<float>(view.image.width());
+      pose = localiser_.localise(map, segment().views, make_local_map(map, keyframe, kReach), view, predicted,
+                                 kWideRadius * width);
+      if (!believable(pose)) {
+        frames_[view.frame].reason =
+            fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
+        in_reach = view.frame > map.keyframes[0].frame;
+        continue;
+      }
+    }
+    velocity = pose.rig_from_world * next.inverse();
+    next = pose.rig_from_world;
+    record(view, pose, keyframe);
+  }
+  for (const ViewPtr& view : views) {
+    FrameRecord& frame = frames_[view->frame];
+    if (frame.segment < 0 && frame.reason.empty() && view->frame < map.keyframes[2].frame) {
+      frame.reason = fmt::format("before the start at frame {}", map.keyframes[0].frame);
+    }
+  }
+}
+
+Localisation Odometry::localise(const View& view) {
+  const float width = static_cast<float>(view.image.width());
+  const Rigid3 moving = previous_->velocity * previous_->pose.rig_from_world;
+  Localisation best =
+      localiser_.localise(segment().map, segment().views, local_, view, moving, kRadius * width);
+  if (convincing(best)) return best;
+  const std::pair<Rigid3, float> others[] = {{moving, kWideRadius},
+                                             {previous_->pose.rig_from_world, kBlindRadius}};
+  for (const auto& [predicted, radius] : others) {
+    Localisation wider =
+        localiser_.localise(segment().map, segment().views, local_, view, predicted, radius * width);
+    if (wider.ok && (!best.ok || wider.matches.size() > best.matches.size())) best = std::move(wider);
+    if (convincing(best)) break;
+  }
+  return best;
+}
+
+void Odometry::track(const ViewPtr& view) {
+  Localisation pose = localise(*view);
+  if (!believable(pose)) {
+    lose(view, pose.ok ? fmt::format("{} of {} visible points matched", pose.matches.size(), pose.visible)
+                       : pose.reason);
+    return;
+  }
+  if (needs_keyframe(pose)) {
+    const bool previous_is_keyframe = segment().map.keyframes.back().frame == previous_->view->frame;
+    if (previous_is_keyframe) {
+      promote(view, pose);
+      pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
+    } else {
+      const Rigid3 before = previous_->pose.rig_from_world;
+      promote(previous_->view, previous_->pose);
+      previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
+      const Rigid3 predicted = pose.rig_from_world * before.inverse() * previous_->pose.rig_from_world;
+      const Localisation first = pose;
+      pose = localiser_.localise(segment().map, segment().views, local_, *view, predicted,
+                                 kRadius * static_cast<float>(view->image.width()));
+      if (!believable(pose)) {
+        lose(view, "the new key frame does not see what the frame sees");
+        return;
+      }
+    }
+  }
+  accept(view, std::move(pose));
+}
+
+bool Odometry::needs_keyframe(const Localisation& pose) const {
+  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
+  if (pose.matched_with_anchor < enough) return true;
+  const Eigen::Matrix3d position =
+      covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();
+  const double semi_axis =
+      std::sqrt(kEllipsoid90 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(position).eigenvalues()[2]);
+  return semi_axis > mean_keyframe_distance();
+}
+
+double Odometry::mean_keyframe_distance() const {
+  const std::vector<MapKeyFrame>& keyframes = segments_.back().map.keyframes;
+  double sum = 0;
+  for (size_t i = 1; i < keyframes.size(); ++i) {
+    sum += (keyframes[i].rig_from_world * keyframes[i - 1].rig_from_world.inverse()).translation.norm();
+  }
+  return sum / static_cast<double>(keyframes.size() - 1);
+}
+
+void Odometry::promote(const ViewPtr& view, const Localisation& pose) {
+  mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
+  const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
+  Localisation at_keyframe = pose;
+  at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
+  record(*view, at_keyframe, keyframe);
+  forget_old_views();
+  local_ = make_local_map(segment().map, keyframe, kReach);
+  anchor_points_ =
+      static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
+                                     [&](const LocalPoint& p) { return p.keyframe == keyframe; }));
+}
+
+void Odometry::forget_old_views() {
+  std::vector<KeyFrameView>& views = segment().views;
+  if (views.size() > kKeptViews) views[views.size() - 1 - kKeptViews] = KeyFrameView{};
+}
+
+void Odometry::record(const View& view, const Localisation& pose, int keyframe) {
+  FrameRecord& frame = frames_[view.frame];
+  if (frame.segment < 0) ++posed_;
+  frame.segment = static_cast<int>(segments_.size()) - 1;
+  frame.keyframe = keyframe;
+  frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
+  frame.covariance = pose.covariance;
+  frame.reason.clear();
+}
+
+void Odometry::accept(const ViewPtr& view, Localisation pose) {
+  record(*view, pose, local_.anchor);
+  Rigid3 velocity;
+  if (previous_) velocity = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
+  previous_ = Previous{view, std::move(pose), velocity};
+}
+
+void Odometry::lose(const ViewPtr& view, const std::string& reason) {
+  tell(Event::Level::kWarning, fmt::format("track lost at frame {}: {}", view->frame, reason));
+  segment().end_reason = reason;
+  frames_[view->frame].reason = "track lost: " + reason;
+  previous_.reset();
+  starter_.emplace(rig_, options_);
+  start(view);
+}
+
+bool Odometry::relocalise(const ViewPtr& view) {
+  const Map& map = segment().map;
+  const int newest = static_cast<int>(map.keyframes.size()) - 1;
+  const float radius = kBlindRadius * static_cast<float>(view->image.width());
+  for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
+    const LocalMap local = make_local_map(map, k, 0);
+    Localisation pose =
+        localiser_.localise(map, segment().views, local, *view, map.keyframes[k].rig_from_world, radius);
+    if (!convincing(pose)) continue;
+    pose = localiser_.localise(map, segment().views, local_, *view, pose.rig_from_world,
+                               kRadius * static_cast<float>(view->image.width()));
+    if (!believable(pose)) continue;
+    tell(Event::Level::kInfo, fmt::format("track found again at frame {} in key frame {}", view->frame, k));
+    starter_.emplace(rig_, options_);
+    segment().end_reason = "end of input";
+    accept(view, std::move(pose));
+    return true;
+  }
+  frames_[view->frame].reason = "track lost: " + segment().end_reason;
+  return false;
+}
+
+Reconstruction Odometry::finish(bool final_global) {
+  if (!tracking()) {
+    if (auto start = starter_->finish(mapper_)) {
+      const std::vector<ViewPtr> views = starter_->views();
+      starter_.emplace(rig_, options_);
+      begin_segment(std::move(*start), views);
+    } else {
+      for (FrameRecord& frame : frames_) {
+        if (frame.segment < 0 && frame.reason.empty()) frame.reason = "no start: " + starter_->reason();
+      }
+    }
+  }
+  if (final_global) {
+    for (SegmentState& s : segments_) mapper_.adjust_globally(&s.map);
+  }
+  return assemble();
+}
+
+Reconstruction Odometry::assemble() {
+  Reconstruction out;
+  out.rig = rig_;
+  for (const FrameRecord& f : frames_) {
+    PosedFrame& frame = out.frames.emplace_back();
+    frame.timestamp = f.timestamp;
+    frame.image_name = f.name;
+    frame.reason = f.reason;
+    frame.segment = f.segment;
+    if (f.segment < 0) continue;
+    const Rigid3 rig_from_world =
+        f.rig_from_keyframe * segments_[f.segment].map.keyframes[f.keyframe].rig_from_world;
+    frame.world_from_rig = rig_from_world.inverse();
+    frame.covariance = covariance_in_world(rig_from_world, f.covariance);
+  }
+  const Camera& camera = rig_.cameras[0];
+  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+  double squares = 0;
+  for (size_t s = 0; s < segments_.size(); ++s) {
+    const Map& map = segments_[s].map;
+    std::vector<int> point_of_track(map.tracks.size(), -1);
+    for (size_t t = 0; t < map.tracks.size(); ++t) {
+      if (!map.tracks[t].triangulated) continue;
+      point_of_track[t] = static_cast<int>(out.points.size());
+      out.points.push_back({map.tracks[t].position, map.tracks[t].rgb, static_cast<int>(s)});
+    }
+    for (const MapKeyFrame& k : map.keyframes) {
+      KeyFrame keyframe{k.frame, static_cast<int>(out.observations.size()), 0};
+      for (int f = 0; f < k.size(); ++f) {
+        const int track = k.tracks[f];
+        Eigen::Vector2d predicted;
+        if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
+        if (!camera.project(cam_from_rig * (k.rig_from_world * map.tracks[track].position), &predicted))
+          continue;
+        const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
+        squares += (predicted - pixel).squaredNorm();
+        out.observations.push_back({point_of_track[track], 0, pixel});
+      }
+      keyframe.last_observation = static_cast<int>(out.observations.size());
+      out.keyframes.push_back(keyframe);
+    }
+    Segment segment{-1, -1, segments_[s].end_reason};
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      if (frames_[i].segment != static_cast<int>(s)) continue;
+      if (segment.first < 0) segment.first = static_cast<int>(i);
+      segment.last = static_cast<int>(i);
+    }
+    out.segments.push_back(segment);
+    out.starts.push_back(segments_[s].start);
+  }
+  if (!out.observations.empty()) {
+    out.rms_reprojection_px = std::sqrt(squares / static_cast<double>(out.observations.size()));
+  }
+  return out;
+}
+
+OdometryTimings Odometry::timings() const {
+  return {detect_timing_,          start_timing_,           localiser_.match_timing, localiser_.pose_timing,
+          localiser_.align_timing, mapper_.keyframe_timing, mapper_.adjust_timing,   frame_timing_};
+}
+
+}  // namespace raysfm

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/events.h"
+#include "raysfm/odometry/localiser.h"
+#include "raysfm/odometry/mapper.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/odometry/starter.h"
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+struct OdometryTimings {
+  StageTiming detect, start, match, pose, align, keyframe, adjust, frame;
+};
+
+// Trajectory and map of a calibrated camera from its views in time order (LBA09 2.7):
+//   1. three views start a map;
+//   2. each further view is matched with the map and posed;
+//   3. when too little is matched or the pose is too uncertain, the view before becomes a key frame: new
+//   points,
+//      local adjustment.
+// Where track is lost, recent key frames are searched for again while a new segment tries to start.
+class Odometry {
+ public:
+  // `rig` holds one camera. Valid options.
+  Odometry(Rig rig, const OdometryOptions& options, EventSink events);
+
+  void process(ViewPtr view);
+
+  // No more views. Adjusts everything when told so. Every frame has a pose or a reason.
+  Reconstruction finish(bool final_global);
+
+  OdometryTimings timings() const;
+  int posed() const { return posed_; }
+  int frames() const { return static_cast<int>(frames_.size()); }
+
+ private:
+  // A frame's pose hangs on its key frame, so that it follows every later adjustment of that key frame.
+  struct FrameRecord {
+    double timestamp = 0;
+    std::string name;
+    std::string reason;
+    int segment = -1;
+    int keyframe = -1;
+    Rigid3 rig_from_keyframe;
+    Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
+  };
+  struct SegmentState {
+    Map map;
+    std::vector<KeyFrameView> views;
+    StartSummary start;
+    std::string end_reason = "end of input";
+  };
+  // The newest posed view: where the next prediction starts, and the next key frame.
+  struct Previous {
+    ViewPtr view;
+    Localisation pose;
+    Rigid3 velocity;  // rig now from rig one frame ago
+  };
+
+  SegmentState& segment() { return segments_.back(); }
+  bool tracking() const { return previous_.has_value(); }
+
+  void start(const ViewPtr& view);
+  void begin_segment(Start start, const std::vector<ViewPtr>& views);
+  void pose_earlier_frames(const std::vector<ViewPtr>& views);
+  void track(const ViewPtr& view);
+  Localisation localise(const View& view);
+  bool relocalise(const ViewPtr& view);
+  bool needs_keyframe(const Localisation& pose) const;
+  void promote(const ViewPtr& view, const Localisation& pose);
+  void accept(const ViewPtr& view, Localisation pose);
+  void record(const View& view, const Localisation& pose, int keyframe);
+  void lose(const ViewPtr& view, const std::string& reason);
+  void forget_old_views();
+  double mean_keyframe_distance() const;
+  Reconstruction assemble();
+  void tell(Event::Level level, std::string message) const;
+
+  Rig rig_;
+  OdometryOptions options_;
+  EventSink events_;
+  Localiser localiser_;
+  Mapper mapper_;
+  std::optional<Starter> starter_;
+  std::vector<SegmentState> segments_;
+  std::vector<FrameRecord> frames_;
+  std::optional<Previous> previous_;
+  LocalMap local_;
+  int anchor_points_ = 0;  // of local_ seen by its key frame
+  int posed_ = 0;
+  StageTiming detect_timing_, start_timing_, frame_timing_;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,29 @@
+#include "raysfm/odometry/options.h"
+
+#include <fmt/format.h>
+
+#include "raysfm/bundle/local_bundle.h"
+
+namespace raysfm {
+namespace {
+
+Result<void> at_least(const char* field, int value, int least) {
+  if (value >= least) return {};
+  return bad_input(fmt::format("{} = {}: must be at least {}", field, value, least));
+}
+
+}  // namespace
+
+Result<void> validate(const OdometryOptions& o) {
+  struct Bound {
+    const char* field;
+    int value, least;
+  };
+  for (const Bound& b : {Bound{"--features", o.features, 50}, Bound{"--min-matches", o.min_matches, 30},
+                         Bound{"--global-until", o.global_until, 3}}) {
+    if (auto r = at_least(b.field, b.value, b.least); !r) return r;
+  }
+  return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until});
+}
+
+}  // namespace raysfm

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <cstdint>
+
+#include "raysfm/core/result.h"
+
+namespace raysfm {
+
+// Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
+struct OdometryOptions {
+  int features = 1500;     // corners per frame (2.1); >= 50
+  int free_cameras = 3;    // n, key frames refined by a local adjustment (2.5); >= 1
+  int window = 10;         // N, key frames whose observations it uses; >= n + 2
+  int global_until = 20;   // N_f, key frames up to which everything is refined; >= 3
+  int min_matches = 400;   // M of 2.2 and 2.4; scaled down where images have fewer corners; >= 30
+  int min_matches3 = 300;  // M' of 2.2
+  uint64_t seed = 0;
+};
+
+// Names the field, the value and what is allowed.
+Result<void> validate(const OdometryOptions& options);
+
+}  // namespace raysfm

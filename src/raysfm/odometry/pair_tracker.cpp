@@ -1,0 +1,88 @@
+#include "raysfm/odometry/pair_tracker.h"
+
+#include <algorithm>
+
+namespace raysfm {
+namespace {
+
+constexpr float kMinZncc = 0.8f;
+// Radius of the region of interest as a part of the image's width: at first, and once the motion is known.
+constexpr float kFirstRadius = 0.06f;
+constexpr float kRadius = 0.03f;
+constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
+
+float median(std::vector<float>& values) {
+  if (values.empty()) return 0;
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
+  const int column = std::clamp(static_cast<int>(pixel.x() / width * kColumns), 0, kColumns - 1);
+  const int row = std::clamp(static_cast<int>(pixel.y() / height * kRows), 0, kRows - 1);
+  return row * kColumns + column;
+}
+
+}  // namespace
+
+PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)) {
+  const size_t count = base_->features.pixels.size();
+  place_ = base_->features.pixels;
+  velocity_.assign(count, Eigen::Vector2f::Zero());
+  seen_.assign(count, 0);
+}
+
+void PairTracker::predict(float width) {
+  predicted_.resize(place_.size());
+  radius_.resize(place_.size());
+  for (size_t i = 0; i < place_.size(); ++i) {
+    predicted_[i] = place_[i] + velocity_[i];
+    radius_[i] = (seen_[i] ? kRadius : kFirstRadius) * width;
+  }
+}
+
+int PairTracker::advance(const View& next) {
+  predict(static_cast<float>(next.image.width()));
+  matcher_.match(base_->patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
+                 {.min_zncc = kMinZncc}, &found_);
+  update(next);
+  return static_cast<int>(found_.size());
+}
+
+void PairTracker::update(const View& next) {
+  std::vector<int>& matches = matches_.emplace_back(place_.size(), -1);
+  for (const ZnccMatch& m : found_) matches[m.query] = m.train;
+
+  // Motion since the view before: the median of the matches of a cell, for those that were not matched.
+  const float width = static_cast<float>(next.image.width()),
+              height = static_cast<float>(next.image.height());
+  std::vector<float> du[kColumns * kRows], dv[kColumns * kRows], all_du, all_dv, displacement;
+  for (size_t i = 0; i < place_.size(); ++i) {
+    if (matches[i] < 0) continue;
+    const Eigen::Vector2f pixel = next.features.pixels[matches[i]];
+    const Eigen::Vector2f step = pixel - place_[i];
+    const int cell = cell_of(place_[i], width, height);
+    du[cell].push_back(step.x());
+    dv[cell].push_back(step.y());
+    all_du.push_back(step.x());
+    all_dv.push_back(step.y());
+    displacement.push_back((pixel - base_->features.pixels[i]).norm());
+  }
+  const Eigen::Vector2f overall(median(all_du), median(all_dv));
+  Eigen::Vector2f motion[kColumns * kRows];
+  for (int c = 0; c < kColumns * kRows; ++c) {
+    motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median(du[c]), median(dv[c])) : overall;
+  }
+  median_displacement_ = median(displacement);
+
+  for (size_t i = 0; i < place_.size(); ++i) {
+    const Eigen::Vector2f neighbours = motion[cell_of(place_[i], width, height)];
+    seen_[i] = matches[i] >= 0;
+    const Eigen::Vector2f place =
+        seen_[i] ? next.features.pixels[matches[i]] : Eigen::Vector2f(place_[i] + neighbours);
+    velocity_[i] = seen_[i] ? Eigen::Vector2f(place - place_[i]) : neighbours;
+    place_[i] = place;
+  }
+}
+
+}  // namespace raysfm

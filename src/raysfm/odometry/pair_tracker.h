@@ -1,0 +1,42 @@
+#pragma once
+
+#include <vector>
+
+#include "raysfm/features/zncc_matcher.h"
+#include "raysfm/odometry/view.h"
+
+namespace raysfm {
+
+// Follows the corners of one view through the views after it, before any geometry is known (LBA09 2.1): each
+// is looked for where its own motion, or else that of its neighbours, leads.
+class PairTracker {
+ public:
+  explicit PairTracker(ViewPtr base);
+
+  // Matches the base with the view that follows those seen so far; returns the number of matches.
+  int advance(const View& next);
+
+  const View& base() const { return *base_; }
+  int views() const { return static_cast<int>(matches_.size()); }
+  // Feature of the k-th view after the base for each feature of the base, -1 where there is none.
+  const std::vector<int>& matches(int k) const { return matches_[k]; }
+  // Median distance in pixels between the matched features of the base and the newest view.
+  float median_displacement() const { return median_displacement_; }
+
+ private:
+  void predict(float width);
+  void update(const View& next);
+
+  ViewPtr base_;
+  ZnccMatcher matcher_;
+  std::vector<std::vector<int>> matches_;
+  std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature
+  std::vector<Eigen::Vector2f> velocity_;  // pixels per view
+  std::vector<uint8_t> seen_;              // in the newest view
+  std::vector<Eigen::Vector2f> predicted_;
+  std::vector<float> radius_;
+  std::vector<ZnccMatch> found_;
+  float median_displacement_ = 0;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,180 @@
+#include "raysfm/odometry/starter.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace raysfm {
+namespace {
+
+constexpr double kCornerError = 2.0;  // pixels
+constexpr int kMinInliers = 50;
+constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
+
+}  // namespace
+
+// M and M' of the paper stand for 1500 corners; images with fewer ask for less.
+int Starter::enough(int wanted) const {
+  const int corners = from_first_->base().features.size();
+  return std::max(kMinInliers, std::min(wanted, static_cast<int>(kMinFeatureShare * corners * wanted / 400)));
+}
+
+void Starter::restart(int first) {
+  first_ = first;
+  second_ = -1;
+  next_ = first + 1;
+  from_first_.emplace(views_[first]);
+  from_second_.reset();
+}
+
+std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
+  views_.push_back(std::move(view));
+  if (views_.size() == 1) restart(0);
+  while (next_ < static_cast<int>(views_.size())) {
+    if (auto start = step(mapper)) return start;
+  }
+  return std::nullopt;
+}
+
+std::optional<Start> Starter::step(Mapper& mapper) {
+  const int current = next_++;
+  const View& view = *views_[current];
+  const int with_first = from_first_->advance(view);
+  if (second_ < 0) {
+    if (with_first >= enough(options_.min_matches)) return std::nullopt;
+    second_ = std::max(current - 1, first_ + 1);
+    from_second_.emplace(views_[second_]);
+    if (second_ == current) return std::nullopt;
+  }
+  const int with_second = from_second_->advance(view);
+  if (with_second >= enough(options_.min_matches) && with_first >= enough(options_.min_matches3))
+    return std::nullopt;
+
+  const int third = std::max(current - 1, second_ + 1);
+  if (third > current) return std::nullopt;
+  auto start = attempt(second_, third, mapper);
+  if (!start) restart(second_);
+  return start;
+}
+
+std::optional<Start> Starter::finish(Mapper& mapper) {
+  const int last = static_cast<int>(views_.size()) - 1;
+  if (last - first_ < 2) {
+    if (reason_.empty()) reason_ = fmt::format("{} frames are too few, at least 3 are needed", views_.size());
+    return std::nullopt;
+  }
+  const int second = second_ > first_ && second_ < last ? second_ : (first_ + last) / 2;
+  return attempt(second, last, mapper);
+}
+
+std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
+  ++attempts_;
+  const Camera& camera = rig_.cameras[0];
+  const View* views[3] = {views_[first_].get(), views_[second].get(), views_[third].get()};
+  const std::vector<int>* matches[2] = {&from_first_->matches(second - first_ - 1),
+                                        &from_first_->matches(third - first_ - 1)};
+  std::vector<int> tracked;
+  std::vector<Eigen::Vector3d> bearings[3];
+  for (int f = 0; f < views[0]->features.size(); ++f) {
+    const int features[3] = {f, (*matches[0])[f], (*matches[1])[f]};
+    if (features[1] < 0 || features[2] < 0) continue;
+    Ray rays[3];
+    bool ok = true;
+    for (int v = 0; v < 3 && ok; ++v) {
+      ok = camera.ray(views[v]->features.pixels[features[v]].cast<double>(), &rays[v]);
+    }
+    if (!ok) continue;
+    for (int v = 0; v < 3; ++v) bearings[v].push_back(rays[v].direction);
+    tracked.push_back(f);
+  }
+  ThreeViewOptions options;
+  options.max_error = kCornerError / camera.pixels_per_radian();
+  options.min_inliers = kMinInliers;
+  options.seed = options_.seed;
+  options.stream = static_cast<uint64_t>(views[0]->frame);
+  const ThreeViewStart geometry = start_from_three_views(bearings[0], bearings[1], bearings[2], options);
+  if (!geometry.ok()) {
+    reason_ = fmt::format("frames {}, {}, {}: {}", views[0]->frame, views[1]->frame, views[2]->frame,
+                          describe(geometry));
+    return std::nullopt;
+  }
+  return build(second, third, tracked, geometry, mapper);
+}
+
+std::optional<Start> Starter::build(int second, int third, const std::vector<int>& tracked,
+                                    const ThreeViewStart& geometry, Mapper& mapper) {
+  const Camera& camera = rig_.cameras[0];
+  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+  const int indices[3] = {first_, second, third};
+  const Rigid3 cam_from_world[3] = {cam_from_rig, geometry.cam1_from_cam0 * cam_from_rig,
+                                    geometry.cam2_from_cam0 * cam_from_rig};
+  Start start;
+  Map& map = start.map;
+  for (int v = 0; v < 3; ++v) {
+    map.keyframes.emplace_back();
+    map.keyframes[v].frame = views_[indices[v]]->frame;
+    map.keyframes[v].rig_from_world = camera.rig_from_cam * cam_from_world[v];
+  }
+  for (size_t i = 0; i < tracked.size(); ++i) {
+    if (!geometry.inlier[i]) continue;
+    const int track = static_cast<int>(map.tracks.size());
+    map.tracks.push_back({camera.rig_from_cam * geometry.points_in_cam0[i], true, {}, {}});
+    map.tracks.back().rgb = color_at(*views_[first_], views_[first_]->features.pixels[tracked[i]]);
+    for (int v = 0; v < 3; ++v) {
+      const int feature = v == 0 ? tracked[i] : from_first_->matches(indices[v] - first_ - 1)[tracked[i]];
+      map.observe(track, v, map.keyframes[v].add(views_[indices[v]]->features.pixels[feature], track));
+    }
+  }
+  for (int v = 0; v < 3; ++v)
+    start.views.push_back(make_keyframe_view(views_[indices[v]], map.keyframes[v], camera));
+  refine_pixels(&start);
+  mapper.adjust_globally(&map);
+  const int points = static_cast<int>(
+      std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
+  if (points < kMinInliers) {
+    reason_ = fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", map.keyframes[0].frame,
+                          map.keyframes[1].frame, map.keyframes[2].frame, points, map.tracks.size());
+    return std::nullopt;
+  }
+  for (int v = 0; v < 3; ++v) {
+    start_tracks(*views_[indices[v]], 4.0f, v, &map);
+    start.views[v] = make_keyframe_view(views_[indices[v]], map.keyframes[v], camera);
+  }
+  start.summary = {
+      "five-point", {map.keyframes[0].frame, map.keyframes[1].frame, map.keyframes[2].frame}, points};
+  return start;
+}
+
+// With the geometry known the patches of the first view can be shaped as the others see them, and the corners
+// replaced by sub-pixel places.
+void Starter::refine_pixels(Start* start) {
+  const Camera& camera = rig_.cameras[0];
+  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+  Map& map = start->map;
+  const Rigid3 world_from_first = map.keyframes[0].rig_from_world.inverse() * camera.rig_from_cam;
+  std::vector<PatchQuery> queries;
+  std::vector<Eigen::Vector2f> starts;
+  std::vector<PatchAlignment> alignments;
+  for (int v = 1; v < 3; ++v) {
+    MapKeyFrame& keyframe = map.keyframes[v];
+    const Rigid3 target_from_first = cam_from_rig * keyframe.rig_from_world * world_from_first;
+    queries.clear();
+    starts.clear();
+    for (const Track& track : map.tracks) {
+      const int feature = track.observations[0].feature;
+      PatchQuery query{.keyframe = 0, .feature = feature, .track = map.keyframes[0].tracks[feature]};
+      const double distance = (track.position - world_from_first.translation).norm();
+      if (!predict_patch(camera, start->views[0], feature, distance, target_from_first, &query)) continue;
+      queries.push_back(query);
+      starts.push_back(keyframe.pixels[track.observations[v].feature]);
+    }
+    matcher_.align(start->views, queries, starts, *start->views[v].view, {}, &alignments);
+    for (size_t i = 0; i < queries.size(); ++i) {
+      const int feature = map.tracks[queries[i].track].observations[v].feature;
+      if (alignments[i].converged) keyframe.pixels[feature] = alignments[i].pixel;
+      keyframe.inliers[feature] = alignments[i].converged;
+    }
+  }
+}
+
+}  // namespace raysfm

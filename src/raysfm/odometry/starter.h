@@ -1,0 +1,63 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/odometry/mapper.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/odometry/pair_tracker.h"
+#include "raysfm/robust/three_view_start.h"
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+// A first map, from three views.
+struct Start {
+  Map map;  // three key frames
+  std::vector<KeyFrameView> views;
+  StartSummary summary;
+};
+
+// Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
+// it chose do not do, it says why and goes on with later ones.
+class Starter {
+ public:
+  Starter(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+
+  // Every view of the attempt so far, oldest first; those before the first key frame of a start included.
+  const std::vector<ViewPtr>& views() const { return views_; }
+
+  // Takes the next view. A start, or nothing yet.
+  std::optional<Start> push(ViewPtr view, Mapper& mapper);
+  // No more views will come: tries with what there is.
+  std::optional<Start> finish(Mapper& mapper);
+
+  // Why the last attempt failed; empty before any.
+  const std::string& reason() const { return reason_; }
+  // Attempts so far.
+  int attempts() const { return attempts_; }
+
+ private:
+  std::optional<Start> step(Mapper& mapper);
+  std::optional<Start> attempt(int second, int third, Mapper& mapper);
+  std::optional<Start> build(int second, int third, const std::vector<int>& tracked,
+                             const ThreeViewStart& geometry, Mapper& mapper);
+  void refine_pixels(Start* start);
+  void restart(int first);
+  int enough(int wanted) const;
+
+  const Rig& rig_;
+  const OdometryOptions& options_;
+  GuidedMatcher matcher_;
+  std::vector<ViewPtr> views_;
+  int first_ = 0;    // index of I1 in views_
+  int second_ = -1;  // index of I2, -1 while not chosen
+  int next_ = 0;     // first view that the trackers have not seen
+  std::optional<PairTracker> from_first_, from_second_;
+  std::string reason_;
+  int attempts_ = 0;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/features/feature_grid.h"
+#include "raysfm/features/features.h"
+#include "raysfm/features/harris.h"
+#include "raysfm/features/patches.h"
+#include "raysfm/image/image.h"
+#include "raysfm/scene/map.h"
+
+namespace raysfm {
+
+// One image after detection: everything that later stages need of it. Made ahead of time on any thread.
+struct View {
+  int frame = 0;
+  double timestamp = 0;  // seconds
+  std::string name;
+  GrayImage image;
+  Image<uint8_t> bgr;  // empty where the input is grey
+  Features features;
+  PatchSet patches;  // of the features
+  FeatureGrid grid;  // of the features
+  double detect_ms = 0;
+};
+
+using ViewPtr = std::shared_ptr<const View>;
+
+// Fills features, patches and grid from the image. `detector` holds scratch memory; one per thread.
+void detect(HarrisDetector& detector, const HarrisOptions& options, View* view);
+
+// Colour of the pixel nearest to a place inside the image; a grey of the same brightness where the input is
+// grey.
+std::array<uint8_t, 3> color_at(const View& view, const Eigen::Vector2f& pixel);
+
+// What matching needs of a key frame, beside its geometry in the map.
+struct KeyFrameView {
+  ViewPtr view;
+  std::vector<Eigen::Vector2f> pixels;                    // of the features of the map's key frame
+  PatchSet patches;                                       // around them
+  std::vector<Eigen::Vector3f> directions;                // unit ray of each feature, camera frame
+  std::vector<Eigen::Matrix<float, 3, 2>> ray_jacobians;  // d direction / d pixel
+};
+
+// Views and rays of a key frame's features, in the map's order.
+KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const Camera& camera);
+
+}  // namespace raysfm
