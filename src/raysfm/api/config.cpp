@@ -47,7 +47,7 @@ Result<void> assign(const std::filesystem::path& path, const SettingField& field
       field.value);
 }
 
-std::string quoted(const std::string& text) {
+std::string yaml_quoted(const std::string& text) {
   YAML::Emitter out;
   out << YAML::DoubleQuoted << text;
   return out.c_str();
@@ -102,13 +102,13 @@ Result<void> read_config(const std::filesystem::path& path, const std::vector<Se
 }
 
 std::string effective_config(TrackSettings settings, const std::string& version) {
-  std::string out = fmt::format("version: {}\ninput:\n", quoted(version));
-  for (const std::string& input : settings.inputs) out += fmt::format("  - {}\n", quoted(input));
+  std::string out = fmt::format("version: {}\ninput:\n", yaml_quoted(version));
+  for (const std::string& input : settings.inputs) out += fmt::format("  - {}\n", yaml_quoted(input));
   for (const SettingField& field : setting_fields(settings)) {
     std::visit(
         [&](auto* value) {
           if constexpr (std::is_same_v<decltype(value), std::string*>) {
-            out += fmt::format("{}: {}\n", field.name, quoted(*value));
+            out += fmt::format("{}: {}\n", field.name, yaml_quoted(*value));
           } else {
             out += fmt::format("{}: {}\n", field.name, *value);
           }
