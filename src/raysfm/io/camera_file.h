@@ -15,10 +15,13 @@ namespace raysfm {
 // Where a format does not say the size of the images (KITTI, some of OpenCV's), width and height are 0 and
 // the caller takes them from the images. Paths of masks are resolved against the folder of the file. Errors:
 // bad input, one line with file, field, value and what is allowed.
-Result<Rig> read_camera_file(const std::filesystem::path& path);
+// `note`, when not null, is set to what the user should know though it is no error, e.g. a camera left out.
+Result<Rig> read_camera_file(const std::filesystem::path& path, std::string* note = nullptr);
 
 // The same for text that is already in memory; `path` is used in messages and to resolve the paths of masks.
-Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path& path);
+// Masks are not looked at.
+Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path& path,
+                              std::string* note = nullptr);
 
 // Writes the project's YAML, beside the final name first and then renamed. Paths of masks are written as they
 // are.

@@ -1,0 +1,121 @@
+#include "raysfm/io/camera_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+
+#include "raysfm/io/camera_import.h"
+#include "raysfm/io/camera_yaml.h"
+#include "raysfm/io/text_file.h"
+
+namespace raysfm {
+namespace {
+
+constexpr uintmax_t kMaxBytes = 16u << 20;
+
+bool looks_like_kitti(std::string_view line) {
+  return line.size() > 3 && line[0] == 'P' && line[1] >= '0' && line[1] <= '3' && line[2] == ':';
+}
+
+// "1 PINHOLE 640 480 ...": an identifier, a name in capitals, two more words.
+bool looks_like_colmap(std::string_view line) {
+  const std::vector<std::string_view> words = split_words(line.substr(0, 200));
+  if (words.size() < 4 || !parse_integer(words[0]) || !parse_integer(words[2])) return false;
+  return std::all_of(words[1].begin(), words[1].end(),
+                     [](char c) { return (c >= 'A' && c <= 'Z') || c == '_'; });
+}
+
+// Formats that are recognised in order to say that they cannot be read.
+std::string_view unsupported_format(const ConfigField& root) {
+  if (root.at("value0").exists()) return "basalt JSON";
+  if (root.at("Camera.nrpol").exists() || root.at("CameraSystem.nrCams").exists()) return "MultiCol";
+  if (root.at("Camera.type").exists()) return "ORB-SLAM";
+  if (root.at("Camera").at("model").exists()) return "stella_vslam";
+  if (root.at("type").exists() && root.at("grid_width").exists()) return "generic model";
+  return {};
+}
+
+bool looks_like_opencv(const ConfigField& root) {
+  constexpr std::string_view kMatrices[] = {
+      "camera_matrix", "cameraMatrix",    "Camera_Matrix",     "K", "M", "M1", "K1",
+      "cameraMatrix1", "camera_matrix_1", "left_camera_matrix"};
+  return std::any_of(std::begin(kMatrices), std::end(kMatrices),
+                     [&](std::string_view key) { return root.at(key).exists(); });
+}
+
+Rig read_document(const ConfigField& root, std::string* note) {
+  if (root.at("raysfm_camera").exists() || root.at("cameras").at("model").exists())
+    return read_camera_yaml(root);
+  if (root.at("cam0").is_map()) return import_kalibr(root);
+  if (root.at("T_BS").exists() || (root.at("sensor_type").exists() && root.at("intrinsics").exists())) {
+    return import_euroc(root);
+  }
+  if (looks_like_opencv(root)) return import_opencv(root, note);
+  const std::string_view format = unsupported_format(root);
+  if (!format.empty()) {
+    root.problem().report(
+        "format", std::string(format),
+        "raysfm_camera, Kalibr, EuRoC, OpenCV, KITTI, COLMAP (models: " + supported_models() + ")");
+  }
+  root.problem().report("raysfm_camera", "missing",
+                        "1, or a camera file of Kalibr, EuRoC, OpenCV, KITTI or COLMAP");
+  return {};
+}
+
+// What holds for a rig from any format.
+void check_rig(const Rig& rig, ConfigProblem* problem) {
+  if (rig.cameras.empty()) problem->report("cameras", "none", "at least one");
+  for (const Camera& camera : rig.cameras) {
+    const Eigen::Vector3d& t = camera.rig_from_cam.translation;
+    if (!t.allFinite() || t.norm() > 1e9)
+      problem->report(camera.name, "translation of its pose", "numbers up to 1e9");
+    if (problem->any() || camera.width == 0) continue;
+    if (!(camera.pixels_per_radian() > 0)) {
+      problem->report(camera.name, "intrinsics", "a camera at least one pixel of whose image has a ray");
+    }
+  }
+}
+
+}  // namespace
+
+Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path& path, std::string* note) {
+  std::string ignored;
+  ConfigProblem problem(path.string());
+  const std::vector<TextLine> head = content_lines(text.substr(0, 4096));
+  Rig rig;
+  if (head.empty()) return bad_input(path.string() + ": empty; allowed: a camera file");
+  if (looks_like_kitti(head.front().text)) {
+    rig = import_kitti(text, &problem);
+  } else if (looks_like_colmap(head.front().text)) {
+    rig = import_colmap(text, &problem);
+  } else {
+    const bool xml = head.front().text.starts_with('<');
+    const Result<ConfigNode> tree = xml ? parse_xml(text, path.string()) : parse_yaml(text, path.string());
+    if (!tree) return tree.error();
+    rig = read_document(ConfigField(&*tree, "", &problem), note ? note : &ignored);
+  }
+  if (!problem.any()) check_rig(rig, &problem);
+  if (problem.any()) return problem.error();
+  for (Camera& camera : rig.cameras) {
+    if (!camera.mask_path.empty()) camera.mask_path = (path.parent_path() / camera.mask_path).string();
+  }
+  return rig;
+}
+
+Result<Rig> read_camera_file(const std::filesystem::path& path, std::string* note) {
+  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  if (!text) return text.error();
+  Result<Rig> rig = parse_camera_file(*text, path, note);
+  if (!rig) return rig;
+  for (const Camera& camera : rig->cameras) {
+    std::error_code failure;
+    if (camera.mask_path.empty() || std::filesystem::is_regular_file(camera.mask_path, failure)) continue;
+    return bad_input(fmt::format("{}: {}.mask: '{}'; allowed: an image file", path.string(), camera.name,
+                                 camera.mask_path));
+  }
+  return rig;
+}
+
+}  // namespace raysfm
