@@ -231,7 +231,9 @@ void BundleAdjuster::Workspace::add_block(const ObservationLayout::Group& group,
     for (int c = 0; c < 3; ++c) point.gradient[c] += block_.point[6 + c][k];
     if (lane.slot < 0) continue;
     double* cross = system_.cross(lane.slot);
-    for (int c = 0; c < 18; ++c) cross[c] += block_.cross[c][k];
+    for (int c = 0; c < 3; ++c) {
+      for (int r = 0; r < 6; ++r) cross[kCrossRows * c + r] += block_.cross[6 * c + r][k];
+    }
   }
 }
 

@@ -2,9 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-
-#include "raysfm/optim/block_kernels.h"
 
 namespace raysfm {
 namespace {
@@ -35,16 +32,6 @@ void invert_factor(const double* v, double damping, double* inverse) {
   inverse[5] = i22;
 }
 
-// z = W L^-T, both 6x3 by columns.
-void scale_cross(const double* w, const double* inverse, double* z) {
-  for (int r = 0; r < 6; ++r) {
-    const double w0 = w[r], w1 = w[6 + r], w2 = w[12 + r];
-    z[r] = w0 * inverse[0];
-    z[6 + r] = w0 * inverse[1] + w1 * inverse[2];
-    z[12 + r] = w0 * inverse[3] + w1 * inverse[4] + w2 * inverse[5];
-  }
-}
-
 }  // namespace
 
 void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin,
@@ -58,8 +45,9 @@ void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin
   list_products();
   poses_.resize(pose_count);
   points_.resize(point_count_);
-  cross_.resize(18 * pose_of_slot.size());
-  scaled_.resize(18 * pose_of_slot.size());
+  cross_.resize(kCrossSize * pose_of_slot.size());
+  scaled_.resize(kCrossSize * pose_of_slot.size());
+  eliminated_.resize(kCrossRows * poses_.size());
   factors_.resize(9 * points_.size());
   right_.resize(6 * poses_.size());
   pose_steps_.resize(6 * poses_.size());
@@ -101,21 +89,41 @@ void SchurSystem::find_pattern() {
 }
 
 void SchurSystem::list_products() {
-  products_.clear();
+  listed_pairs_.clear();
+  pair_target_.clear();
+  const auto add = [&](int row_slot, int column_slot, int target) {
+    listed_pairs_.push_back({row_slot, column_slot});
+    pair_target_.push_back(target);
+  };
   for (int p = 0; p < point_count_; ++p) {
     for (int a = point_begin_[p]; a < point_begin_[p + 1]; ++a) {
       const int position_a = reduced_.position(pose_of_slot_[a]);
-      products_.push_back({a, a, reduced_.diagonal(position_a)});
+      add(a, a, reduced_.diagonal(position_a));
       for (int b = a + 1; b < point_begin_[p + 1]; ++b) {
         const int position_b = reduced_.position(pose_of_slot_[b]);
         if (position_a < position_b) {
-          products_.push_back({b, a, reduced_.find(position_b, position_a)});
+          add(b, a, reduced_.find(position_b, position_a));
         } else {
-          products_.push_back({a, b, reduced_.find(position_a, position_b)});
+          add(a, b, reduced_.find(position_a, position_b));
         }
       }
     }
   }
+  sort_products();
+}
+
+// Stable, so that each sum runs over the points in their order.
+void SchurSystem::sort_products() {
+  pair_begin_.assign(reduced_.block_count() + 1, 0);
+  for (int target : pair_target_) ++pair_begin_[target + 1];
+  runs_.clear();
+  for (size_t target = 0; target < reduced_.block_count(); ++target) {
+    pair_begin_[target + 1] += pair_begin_[target];
+    if (pair_begin_[target + 1] == pair_begin_[target]) continue;
+    runs_.push_back({static_cast<int>(target), pair_begin_[target], pair_begin_[target + 1]});
+  }
+  pairs_.resize(listed_pairs_.size());
+  for (size_t k = 0; k < listed_pairs_.size(); ++k) pairs_[pair_begin_[pair_target_[k]]++] = listed_pairs_[k];
 }
 
 void SchurSystem::set_zero() {
@@ -147,10 +155,10 @@ void SchurSystem::factorize_points(double damping) {
     y[0] = inverse[0] * g[0];
     y[1] = inverse[1] * g[0] + inverse[2] * g[1];
     y[2] = inverse[3] * g[0] + inverse[4] * g[1] + inverse[5] * g[2];
-    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
-      scale_cross(cross(s), inverse, &scaled_[18 * static_cast<size_t>(s)]);
-    }
   }
+  std::fill(eliminated_.begin(), eliminated_.end(), 0.0);
+  scale_slots(point_count_, point_begin_.data(), pose_of_slot_.data(), factors_.data(), cross_.data(),
+              scaled_.data(), eliminated_.data());
 }
 
 void SchurSystem::reduce(double damping) {
@@ -161,20 +169,12 @@ void SchurSystem::reduce(double damping) {
     std::copy_n(poses_[i].u, 36, diagonal);
     for (int k = 0; k < 6; ++k) {
       diagonal[7 * k] += damping * scale_of(diagonal[7 * k]);
-      right_[6 * static_cast<size_t>(position) + k] = -poses_[i].gradient[k];
+      right_[6 * static_cast<size_t>(position) + k] =
+          eliminated_[kCrossRows * static_cast<size_t>(i) + k] - poses_[i].gradient[k];
     }
   }
-  for (int p = 0; p < point_count_; ++p) {
-    const double* y = &factors_[9 * static_cast<size_t>(p) + 6];
-    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
-      const size_t position = reduced_.position(pose_of_slot_[s]);
-      block::add_product<3>(&scaled_[18 * static_cast<size_t>(s)], y, 1.0, &right_[6 * position]);
-    }
-  }
-  for (const Product& product : products_) {
-    block::subtract_product<3>(&scaled_[18 * static_cast<size_t>(product.row_slot)],
-                               &scaled_[18 * static_cast<size_t>(product.column_slot)],
-                               reduced_.block(product.target));
+  for (const ProductRun& run : runs_) {
+    subtract_products(scaled_.data(), &pairs_[run.begin], run.end - run.begin, reduced_.block(run.target));
   }
 }
 
@@ -183,8 +183,11 @@ void SchurSystem::substitute_points() {
     const double* inverse = &factors_[9 * static_cast<size_t>(p)];
     double y[3] = {inverse[6], inverse[7], inverse[8]};
     for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
-      block::add_transposed_product<3>(&scaled_[18 * static_cast<size_t>(s)], pose_step(pose_of_slot_[s]),
-                                       1.0, y);
+      const double* z = &scaled_[kCrossSize * static_cast<size_t>(s)];
+      const double* d = pose_step(pose_of_slot_[s]);
+      for (int k = 0; k < 3; ++k) {
+        for (int r = 0; r < 6; ++r) y[k] += z[kCrossRows * k + r] * d[r];
+      }
     }
     double* step = &point_steps_[3 * static_cast<size_t>(p)];
     step[0] = -(inverse[0] * y[0] + inverse[1] * y[1] + inverse[3] * y[2]);

@@ -3,8 +3,10 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/optim/aligned_vector.h"
 #include "raysfm/optim/block_cholesky.h"
 #include "raysfm/optim/levenberg_marquardt.h"
+#include "raysfm/optim/schur_kernels.h"
 
 namespace raysfm {
 
@@ -46,7 +48,8 @@ class SchurSystem {
   void set_zero();
   PoseBlock& pose(int i) { return poses_[i]; }
   PointBlock& point(int p) { return points_[p]; }
-  double* cross(int slot) { return &cross_[18 * static_cast<size_t>(slot)]; }  // W, 6x3 by columns
+  // W, three columns of kCrossRows numbers of which six are used.
+  double* cross(int slot) { return &cross_[kCrossSize * static_cast<size_t>(slot)]; }
 
   // Solves with the diagonal times 1 + damping (an exact zero counts as 1, so that what is not observed
   // stays).
@@ -57,13 +60,14 @@ class SchurSystem {
   const double* point_step(int p) const { return &point_steps_[3 * static_cast<size_t>(p)]; }
 
  private:
-  // One term Z_row Z_column^T of one block of S.
-  struct Product {
-    int row_slot, column_slot, target;
+  // Pairs [begin, end) of slots belong to one block of the reduced system.
+  struct ProductRun {
+    int target, begin, end;
   };
 
   void find_pattern();
   void list_products();
+  void sort_products();
   void factorize_points(double damping);
   void reduce(double damping);
   void substitute_points();
@@ -73,14 +77,17 @@ class SchurSystem {
   std::vector<int> point_begin_, pose_of_slot_;
   std::vector<PoseBlock> poses_;
   std::vector<PointBlock> points_;
-  std::vector<double> cross_;
+  AlignedVector<double> cross_;
 
   std::vector<int> pattern_begin_, pattern_, slot_begin_, slots_of_pose_, point_of_slot_, marks_;
-  std::vector<Product> products_;
+  std::vector<int> pair_target_, pair_begin_;
+  std::vector<SlotPair> listed_pairs_, pairs_;  // before and after sorting by block
+  std::vector<ProductRun> runs_;
   BlockCholesky reduced_;
-  std::vector<double> factors_;  // per point: L^-1 (6, lower by rows) and y (3)
-  std::vector<double> scaled_;   // Z per slot, 6x3 by columns
-  std::vector<double> right_;    // right hand side and solution of S, by position
+  std::vector<double> factors_;       // per point: L^-1 (6, lower by rows) and y (3)
+  AlignedVector<double> scaled_;      // Z per slot, laid out as W
+  AlignedVector<double> eliminated_;  // sum of Z y by pose, kCrossRows numbers of which six are used
+  std::vector<double> right_;         // right hand side and solution of S, by position
   std::vector<double> pose_steps_, point_steps_;
 };
 
