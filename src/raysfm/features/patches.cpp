@@ -144,7 +144,8 @@ void extract_warped_patches(std::span<const GrayView> levels, std::span<const Ei
   patches->resize(static_cast<int>(pixels.size()));
   for (int i = 0; i < patches->size(); ++i) {
     // The area of the image that one pixel of the patch covers quarters with every level.
-    float area = std::abs(image_from_target[i].determinant());
+    const Eigen::Matrix2f& m = image_from_target[i];
+    float area = std::abs(m(0, 0) * m(1, 1) - m(0, 1) * m(1, 0));
     size_t level = 0;
     float scale = 1;
     while (level + 1 < levels.size() && area > 1.5f * 1.5f) {
@@ -155,7 +156,7 @@ void extract_warped_patches(std::span<const GrayView> levels, std::span<const Ei
     const Eigen::Vector2f half = Eigen::Vector2f::Constant(0.5f);
     const Eigen::Vector2f pixel = (pixels[i] + half) * scale - half;
     HWY_DYNAMIC_DISPATCH(extract_warped)
-    (levels[level], pixel, scale * image_from_target[i], i, patches);
+    (levels[level], pixel, scale * m, i, patches);
   }
 }
 
