@@ -1,0 +1,65 @@
+#include "raysfm/odometry/guided_matcher.h"
+
+#include <gtest/gtest.h>
+
+namespace raysfm {
+namespace {
+
+Camera test_camera() {
+  Camera camera;
+  camera.model = Radtan::from_parameters({500, 505, 320, 240, -0.2, 0.05, 0.001, -0.002, 0});
+  camera.width = 640;
+  camera.height = 480;
+  return camera;
+}
+
+KeyFrameView one_feature(const Camera& camera, const Eigen::Vector2f& pixel) {
+  auto view = std::make_shared<View>();
+  view->image = GrayImage(640, 480);
+  for (int y = 0; y < 480; ++y) std::fill_n(view->image.row(y), 640, uint8_t{128});
+  MapKeyFrame keyframe;
+  keyframe.add(pixel, 0);
+  return make_keyframe_view(view, keyframe, camera);
+}
+
+// The patch's deformation must be the derivative of the map pixel -> point on the sphere -> other pixel.
+TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
+  const Camera camera = test_camera();
+  const Eigen::Vector2f pixel(400, 150);
+  const KeyFrameView keyframe = one_feature(camera, pixel);
+  const Rigid3 target_from_keyframe{exp_so3({0.02, -0.1, 0.3}), {0.2, -0.1, -0.8}};
+  const double distance = 5.0;
+  PatchQuery query;
+  ASSERT_TRUE(predict_patch(camera, keyframe, 0, distance, target_from_keyframe, &query));
+
+  const auto transfer = [&](const Eigen::Vector2d& p) {
+    Ray ray;
+    EXPECT_TRUE(camera.ray(p, &ray));
+    Eigen::Vector2d out;
+    EXPECT_TRUE(camera.project(target_from_keyframe * (distance * ray.direction), &out));
+    return out;
+  };
+  const Eigen::Vector2d center = pixel.cast<double>();
+  EXPECT_LT((transfer(center) - query.predicted.cast<double>()).norm(), 1e-3);
+  Eigen::Matrix2d numeric;
+  for (int c = 0; c < 2; ++c) {
+    const Eigen::Vector2d step = 0.01 * Eigen::Vector2d::Unit(c);
+    numeric.col(c) = (transfer(center + step) - transfer(center - step)) / 0.02;
+  }
+  EXPECT_LT((numeric.inverse() - query.keyframe_from_target.cast<double>()).norm(), 1e-3);
+}
+
+TEST(PredictPatch, RefusesWhatTheTargetDoesNotSee) {
+  const Camera camera = test_camera();
+  const KeyFrameView keyframe = one_feature(camera, {320, 240});
+  PatchQuery query;
+  EXPECT_TRUE(predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -1}}, &query));
+  // Behind, beside, and so near that the patch is more than 2.5 times larger.
+  EXPECT_FALSE(predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -6}}, &query));
+  EXPECT_FALSE(predict_patch(camera, keyframe, 0, 5.0, {exp_so3({0, 1.2, 0}), {0, 0, 0}}, &query));
+  EXPECT_FALSE(
+      predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -3.5}}, &query));
+}
+
+}  // namespace
+}  // namespace raysfm
