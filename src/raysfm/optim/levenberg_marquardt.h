@@ -66,7 +66,7 @@ struct LmTrial {
 //   void accept()               makes the moved state the current one
 template <typename Problem>
 LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
-  constexpr double kMinDamping = 1e-10, kMaxDamping = 1e12;
+  constexpr double kMinDamping = 1e-10, kMaxDamping = 1e12, kFirstGrowth = 2.0;
   LmSummary summary;
   double cost = problem.linearize();
   summary.initial_cost = summary.final_cost = cost;
@@ -75,12 +75,14 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
     return summary;
   }
   summary.termination = Termination::kMaxIterations;
-  double damping = options.initial_damping, growth = 2.0;
+  double damping = options.initial_damping, growth = kFirstGrowth;
   bool stale = false;  // whether the state moved since the last linearisation
   while (summary.iterations < options.max_iterations) {
     if (stale) problem.linearize();
     stale = false;
     ++summary.iterations;
+    // Heavily damped after a refusal, a step may be small without the bottom being near.
+    const bool first_try = growth == kFirstGrowth;
     const LmStep step = problem.solve(damping);
     const LmTrial trial = step.valid ? problem.evaluate() : LmTrial{cost, INFINITY};
     if (trial.after <= trial.before) {  // false for NaN
@@ -88,16 +90,16 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
       stale = true;
       const double decrease = trial.before - trial.after;
       summary.final_cost = cost = trial.after;
-      if (decrease <= options.min_relative_decrease * trial.before) {
+      if (first_try && decrease <= options.min_relative_decrease * trial.before) {
         summary.termination = Termination::kConverged;
         break;
       }
       const double gain = 2.0 * decrease / step.decrease - 1.0;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 3.0, 1.0 - gain * gain * gain));
-      growth = 2.0;
+      growth = kFirstGrowth;
     } else {
       // A step that promises nothing and gives nothing is the bottom, as far as doubles can tell.
-      if (step.valid && step.decrease <= options.min_relative_decrease * cost) {
+      if (first_try && step.valid && step.decrease <= options.min_relative_decrease * cost) {
         summary.termination = Termination::kConverged;
         break;
       }

@@ -1,0 +1,94 @@
+#include "raysfm/optim/levenberg_marquardt.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <functional>
+#include <vector>
+
+namespace raysfm {
+namespace {
+
+// Two unknowns, dense. Keeps the cost after each accepted step.
+struct Small {
+  std::function<void(const Eigen::Vector2d&, Eigen::Vector2d*, Eigen::Matrix2d*)> f;
+  Eigen::Vector2d x;
+  Eigen::Vector2d trial{}, step{}, r{};
+  Eigen::Matrix2d j{};
+  double cost = 0, trial_cost = 0;
+  std::vector<double> costs = {};
+
+  double linearize() {
+    f(x, &r, &j);
+    return cost = 0.5 * r.squaredNorm();
+  }
+  LmStep solve(double lambda) {
+    Eigen::Matrix2d h = j.transpose() * j;
+    const Eigen::Vector2d d = h.diagonal();
+    h.diagonal() += lambda * d;
+    step = -h.ldlt().solve(j.transpose() * r);
+    return {step.allFinite(), 0.5 * step.dot(lambda * d.cwiseProduct(step) - j.transpose() * r)};
+  }
+  LmTrial evaluate() {
+    trial = x + step;
+    Eigen::Vector2d trial_r;
+    Eigen::Matrix2d unused;
+    f(trial, &trial_r, &unused);
+    return {cost, trial_cost = 0.5 * trial_r.squaredNorm()};
+  }
+  void accept() {
+    x = trial;
+    cost = trial_cost;
+    costs.push_back(cost);
+  }
+};
+
+void rosenbrock(const Eigen::Vector2d& x, Eigen::Vector2d* r, Eigen::Matrix2d* j) {
+  *r << 10 * (x[1] - x[0] * x[0]), 1 - x[0];
+  *j << -20 * x[0], 10, -1, 0;
+}
+
+TEST(LevenbergMarquardt, FindsTheBottomOfRosenbrock) {
+  Small small{rosenbrock, {-1.2, 1.0}};
+  const LmSummary summary =
+      levenberg_marquardt(small, {.max_iterations = 100, .min_relative_decrease = 1e-12});
+  EXPECT_LT((small.x - Eigen::Vector2d(1, 1)).norm(), 1e-9);
+  EXPECT_NEAR(summary.initial_cost, 0.5 * (4.4 * 4.4 + 2.2 * 2.2), 1e-12);
+  double last = summary.initial_cost;
+  for (double cost : small.costs) {
+    EXPECT_LE(cost, last);
+    last = cost;
+  }
+  EXPECT_EQ(last, summary.final_cost);
+}
+
+TEST(LevenbergMarquardt, SaysWhyItStopped) {
+  Small one{rosenbrock, {-1.2, 1.0}};
+  EXPECT_EQ(levenberg_marquardt(one, {.max_iterations = 1}).termination, Termination::kMaxIterations);
+  // Residuals that do not vanish at the bottom.
+  Small flat{[](const Eigen::Vector2d& x, Eigen::Vector2d* r, Eigen::Matrix2d* j) {
+               *r << x[0] + 0.1 * x[0] * x[0] - 1, x[0] + 2;
+               *j << 1 + 0.2 * x[0], 0, 1, 1e-3;
+             },
+             {3, 0}};
+  EXPECT_EQ(levenberg_marquardt(flat, {.max_iterations = 50}).termination, Termination::kConverged);
+  Small broken{[](const Eigen::Vector2d&, Eigen::Vector2d* r, Eigen::Matrix2d* j) {
+                 r->setConstant(NAN);
+                 j->setConstant(NAN);
+               },
+               {1, 1}};
+  EXPECT_EQ(levenberg_marquardt(broken, {}).termination, Termination::kNoProgress);
+  // A gradient with the wrong sign: no step ever helps.
+  Small wrong{[](const Eigen::Vector2d& x, Eigen::Vector2d* r, Eigen::Matrix2d* j) {
+                *r << x[0] + 2, x[1] + 2;
+                *j << -1, 0, 0, -1;
+              },
+              {1, 1}};
+  const LmSummary summary = levenberg_marquardt(wrong, {.max_iterations = 100});
+  EXPECT_EQ(summary.termination, Termination::kNoProgress);
+  EXPECT_EQ(summary.final_cost, summary.initial_cost);
+  EXPECT_EQ(wrong.x, Eigen::Vector2d(1, 1));
+}
+
+}  // namespace
+}  // namespace raysfm

@@ -1,0 +1,181 @@
+#include "raysfm/optim/schur_system.h"
+
+#include <gtest/gtest.h>
+#include <hwy/targets.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+
+#include "raysfm/core/random.h"
+
+namespace raysfm {
+namespace {
+
+// Random Jacobians of a bundle: two residuals for each slot, of one pose and one point. The dense normal
+// equations are formed from the whole Jacobian, the blocks from the rows of each slot.
+struct RandomBundle {
+  int poses, points;
+  std::vector<int> point_begin{0}, pose_of_slot;
+  Eigen::MatrixXd h;
+  Eigen::VectorXd g;
+  SchurSystem system;
+
+  RandomBundle(int poses, int points, int longest_track, uint64_t seed) : poses(poses), points(points) {
+    Rng rng(seed);
+    for (int p = 0; p < points; ++p) {
+      const int length =
+          static_cast<int>(rng.index(longest_track + 1));  // also points that no free pose sees
+      const int first = static_cast<int>(rng.index(std::max(1, poses - length)));
+      for (int i = first; i < std::min(poses, first + length); ++i) pose_of_slot.push_back(i);
+      point_begin.push_back(static_cast<int>(pose_of_slot.size()));
+    }
+    system.set_structure(poses, point_begin, pose_of_slot);
+    system.set_zero();
+    fill(rng);
+  }
+
+  void fill(Rng& rng) {
+    const int columns = 6 * poses + 3 * points;
+    const int slots = static_cast<int>(pose_of_slot.size());
+    Eigen::MatrixXd j = Eigen::MatrixXd::Zero(2 * slots + 3 * points, columns);
+    Eigen::VectorXd r(j.rows());
+    for (double& x : r) x = rng.normal();
+    for (int p = 0; p < points; ++p) {
+      for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
+        for (int row = 2 * s; row < 2 * s + 2; ++row) {
+          for (int k = 0; k < 6; ++k) j(row, 6 * pose_of_slot[s] + k) = rng.normal();
+          for (int k = 0; k < 3; ++k) j(row, 6 * poses + 3 * p + k) = rng.normal();
+        }
+        add_slot(j, r, s, p);
+      }
+      // Three rows of the point alone, as fixed poses give.
+      const int row = 2 * slots + 3 * p;
+      for (int k = 0; k < 9; ++k) j(row + k / 3, 6 * poses + 3 * p + k % 3) = rng.normal();
+      add_point(j.block<3, 3>(row, 6 * poses + 3 * p), r.segment(row, 3), p);
+    }
+    h = j.transpose() * j;
+    g = j.transpose() * r;
+  }
+
+  void add_point(const Eigen::MatrixXd& jp, const Eigen::VectorXd& r, int p) {
+    const Eigen::Matrix3d v = jp.transpose() * jp;
+    const Eigen::Vector3d gp = jp.transpose() * r;
+    const double packed[6] = {v(0, 0), v(0, 1), v(0, 2), v(1, 1), v(1, 2), v(2, 2)};
+    for (int k = 0; k < 6; ++k) system.point(p).v[k] += packed[k];
+    for (int k = 0; k < 3; ++k) system.point(p).gradient[k] += gp[k];
+  }
+
+  void add_slot(const Eigen::MatrixXd& j, const Eigen::VectorXd& r, int s, int p) {
+    const int i = pose_of_slot[s];
+    const Eigen::MatrixXd jc = j.block(2 * s, 6 * i, 2, 6), jp = j.block(2 * s, 6 * poses + 3 * p, 2, 3);
+    add_point(jp, r.segment(2 * s, 2), p);
+    Eigen::Map<Eigen::Matrix<double, 6, 6>>(system.pose(i).u) += jc.transpose() * jc;
+    Eigen::Map<Eigen::Matrix<double, 6, 1>>(system.pose(i).gradient) += jc.transpose() * r.segment(2 * s, 2);
+    const Eigen::Matrix<double, 6, 3> w = jc.transpose() * jp;
+    for (int c = 0; c < 3; ++c) {
+      for (int k = 0; k < 6; ++k) system.cross(s)[kCrossRows * c + k] += w(k, c);
+    }
+  }
+
+  Eigen::VectorXd step() const {
+    Eigen::VectorXd d(6 * poses + 3 * points);
+    for (int i = 0; i < poses; ++i)
+      d.segment<6>(6 * i) = Eigen::Map<const Eigen::VectorXd>(system.pose_step(i), 6);
+    for (int p = 0; p < points; ++p) {
+      d.segment<3>(6 * poses + 3 * p) = Eigen::Map<const Eigen::VectorXd>(system.point_step(p), 3);
+    }
+    return d;
+  }
+};
+
+void expect_dense_solution(RandomBundle& bundle, double damping) {
+  const LmStep step = bundle.system.solve(damping);
+  ASSERT_TRUE(step.valid);
+  Eigen::MatrixXd damped = bundle.h;
+  for (int k = 0; k < damped.rows(); ++k) {
+    damped(k, k) = damped(k, k) == 0 ? damping : damped(k, k) * (1 + damping);
+  }
+  const Eigen::VectorXd expected = damped.ldlt().solve(-bundle.g), found = bundle.step();
+  EXPECT_LE((found - expected).norm(), 1e-8 * expected.norm());
+  const double model = -bundle.g.dot(expected) - 0.5 * expected.dot(bundle.h * expected);
+  EXPECT_NEAR(step.decrease, model, 1e-9 * model);
+}
+
+TEST(SchurSystem, IsTheDenseSolution) {
+  struct {
+    int poses, points, longest_track;
+  } cases[] = {{1, 5, 1}, {3, 40, 3}, {24, 100, 8}, {25, 100, 8}, {40, 150, 6}, {60, 120, 60}};
+  for (const auto& c : cases) {
+    for (double damping : {1e-6, 1e-2, 10.0}) {
+      SCOPED_TRACE(testing::Message() << c.poses << " poses, damping " << damping);
+      RandomBundle bundle(c.poses, c.points, c.longest_track, c.poses);
+      expect_dense_solution(bundle, damping);
+    }
+  }
+}
+
+TEST(SchurSystem, PosesAloneAndPointsAlone) {
+  RandomBundle points_only(0, 20, 0, 3);
+  expect_dense_solution(points_only, 1e-3);
+  RandomBundle poses_only(2, 0, 0, 3);
+  expect_dense_solution(poses_only, 1e-3);  // nothing observed: nothing moves
+}
+
+TEST(SchurSystem, WhatIsNotObservedStays) {
+  RandomBundle bundle(4, 30, 2, 8);
+  std::fill_n(bundle.system.pose(1).u, 36, 0.0);
+  std::fill_n(bundle.system.pose(1).gradient, 6, 0.0);
+  for (int s = 0; s < bundle.system.slot_count(); ++s) {
+    if (bundle.pose_of_slot[s] == 1) std::fill_n(bundle.system.cross(s), kCrossSize, 0.0);
+  }
+  ASSERT_TRUE(bundle.system.solve(1e-4).valid);
+  for (int k = 0; k < 6; ++k) EXPECT_EQ(bundle.system.pose_step(1)[k], 0.0);
+}
+
+TEST(SchurSystem, NotFiniteIsNotValid) {
+  RandomBundle bundle(4, 30, 3, 8);
+  bundle.system.point(5).gradient[1] = NAN;
+  EXPECT_FALSE(bundle.system.solve(1e-4).valid);
+  bundle.system.point(5).gradient[1] = 0;
+  bundle.system.pose(2).u[0] = INFINITY;
+  EXPECT_FALSE(bundle.system.solve(1e-4).valid);
+}
+
+// A point held by one ray: V has rank two and only the damping keeps it apart from singular.
+TEST(SchurSystem, PointOnOneRay) {
+  RandomBundle bundle(3, 20, 3, 4);
+  SchurSystem::PointBlock& point = bundle.system.point(0);
+  const double a[3] = {1, 2, 3}, b[3] = {2, -1, 0.5};
+  int k = 0;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = i; j < 3; ++j) point.v[k++] = a[i] * a[j] + b[i] * b[j];
+  }
+  for (int s = bundle.point_begin[0]; s < bundle.point_begin[1]; ++s)
+    std::fill_n(bundle.system.cross(s), kCrossSize, 0);
+  for (int i = 0; i < 3; ++i) point.gradient[i] = a[i] + b[i];
+  for (double damping : {1e-10, 1e-4}) {
+    ASSERT_TRUE(bundle.system.solve(damping).valid);
+    // The step undoes a and b: a . d = -1 and b . d = -1.
+    const double* d = bundle.system.point_step(0);
+    EXPECT_NEAR(a[0] * d[0] + a[1] * d[1] + a[2] * d[2], -1, 1e-3);
+    EXPECT_NEAR(b[0] * d[0] + b[1] * d[1] + b[2] * d[2], -1, 1e-3);
+  }
+}
+
+TEST(SchurSystem, SameBitsOnEveryInstructionSet) {
+  std::vector<Eigen::VectorXd> steps;
+  const int64_t supported = hwy::SupportedTargets();
+  for (int64_t targets = supported; targets != 0; targets &= targets - 1) {
+    hwy::SetSupportedTargetsForTest(targets & -targets);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    RandomBundle bundle(30, 100, 8, 2);
+    ASSERT_TRUE(bundle.system.solve(1e-4).valid);
+    steps.push_back(bundle.step());
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  for (const Eigen::VectorXd& step : steps) EXPECT_EQ(step, steps.front());
+}
+
+}  // namespace
+}  // namespace raysfm
