@@ -15,6 +15,6 @@ inline std::filesystem::path shared_data(const std::filesystem::path& relative) 
 }  // namespace raysfm::testing_support
 
 // Skips the test, saying so, where the file or folder is missing.
-#define RAYSFM_SKIP_WITHOUT_SHARED_DATA(relative)                                    \
-  if (!std::filesystem::exists(raysfm::testing_support::shared_data(relative)))      \
+#define RAYSFM_SKIP_WITHOUT_SHARED_DATA(relative)                               \
+  if (!std::filesystem::exists(raysfm::testing_support::shared_data(relative))) \
   GTEST_SKIP() << "no shared data: " << (relative) << " (set RAYSFM_SHARED_DATA)"

@@ -185,14 +185,18 @@ Axes top_view_axes(const TopView& view) {
 
 void draw_top_view(cv::Mat& picture, const Axes& axes, const TopView& view) {
   const double step = tick_step(axes.x.size() > axes.y.size() ? axes.x : axes.y, 10);
-  draw_axes(picture, axes, step, step, "along the longest extent of the true path, m",
-            "across, m (from above)");
+  draw_axes(picture, axes, step, step, "metres from the start, along the longest extent of the path",
+            "metres across, seen from above");
   for (Eigen::Index i = 0; i < view.differences.cols(); ++i) {
     const Eigen::Vector4d d = view.differences.col(i);
     draw_line(picture, axes.pixel(d[0], d[1]), axes.pixel(d[2], d[3]), kDifference, 1);
   }
   draw_path(picture, axes, view.truth, kTruth, 4);
-  draw_path(picture, axes, view.estimate, kEstimate, 2);
+  draw_path(picture, axes, view.estimate, kEstimate, 1);
+  for (const auto& position : view.estimate.colwise()) {
+    const cv::Point2d at = axes.pixel(position[0], position[1]);
+    cv::circle(picture, fixed_point(at), 5 << (kShift - 1), kEstimate, cv::FILLED, cv::LINE_AA, kShift);
+  }
   const cv::Point2d start = axes.pixel(view.truth(0, 0), view.truth(1, 0));
   cv::circle(picture, fixed_point(start), 6 << kShift, kInk, 2, cv::LINE_AA, kShift);
   draw_text(picture, "start", cv::Point(static_cast<int>(start.x) + 10, static_cast<int>(start.y) - 10),

@@ -3,15 +3,14 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <charconv>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 #include <optional>
 #include <string_view>
 #include <vector>
 
 #include "raysfm/io/atomic_file.h"
+#include "raysfm/io/text_file.h"
 
 namespace raysfm {
 namespace {
@@ -21,51 +20,26 @@ namespace fs = std::filesystem;
 constexpr uintmax_t kMaxBytes = 256u << 20;
 constexpr size_t kTumNumbers = 8;
 constexpr size_t kKittiNumbers = 12;
+constexpr double kMaxNumber = 1e12;  // keeps every sum of squares finite
 constexpr double kRotationTolerance = 1e-3;
-
-Result<std::string> read_text(const fs::path& path) {
-  std::error_code failure;
-  if (!fs::exists(path, failure)) return bad_input(fmt::format("{}: no such file or folder", path.string()));
-  if (!fs::is_regular_file(path, failure)) return bad_input(fmt::format("{}: not a file", path.string()));
-  const uintmax_t bytes = fs::file_size(path, failure);
-  if (failure) return bad_input(fmt::format("{}: cannot be read: {}", path.string(), failure.message()));
-  if (bytes > kMaxBytes) {
-    return bad_input(fmt::format("{}: {} bytes, at most {} are allowed", path.string(), bytes, kMaxBytes));
-  }
-  std::ifstream file(path, std::ios::binary);
-  std::string text(bytes, '\0');
-  if (!file.read(text.data(), static_cast<std::streamsize>(bytes))) {
-    return bad_input(fmt::format("{}: cannot be read", path.string()));
-  }
-  return text;
-}
 
 // One line of numbers of a text file.
 struct NumberLine {
   int line = 0;  // counted from 1
   size_t count = 0;
-  std::array<double, kKittiNumbers> values{};
+  std::array<double, kKittiNumbers> values{};  // the first `count`
 };
 
-std::string_view next_word(std::string_view* line) {
-  constexpr std::string_view kSpace = " \t\r";
-  line->remove_prefix(std::min(line->find_first_not_of(kSpace), line->size()));
-  const std::string_view word = line->substr(0, line->find_first_of(kSpace));
-  line->remove_prefix(word.size());
-  return word;
-}
-
-Result<NumberLine> parse_line(const fs::path& path, int line_number, std::string_view text) {
+Result<NumberLine> parse_line(const fs::path& path, const TextLine& text) {
   NumberLine line;
-  line.line = line_number;
-  for (std::string_view word = next_word(&text); !word.empty(); word = next_word(&text)) {
-    double value = 0;
-    const auto [end, failure] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (failure != std::errc() || end != word.data() + word.size() || !std::isfinite(value)) {
-      return bad_input(fmt::format("{}:{}: field {}: '{}' is not allowed, a finite number is", path.string(),
-                                   line_number, line.count + 1, word.substr(0, 40)));
+  line.line = text.number;
+  for (const std::string_view word : split_words(text.text)) {
+    const std::optional<double> value = parse_number(word);
+    if (!value || !(std::abs(*value) <= kMaxNumber)) {
+      return bad_input(fmt::format("{}:{}: field {}: '{}' is not allowed, a number of at most {:g} is",
+                                   path.string(), text.number, line.count + 1, shown(word), kMaxNumber));
     }
-    if (line.count < line.values.size()) line.values[line.count] = value;
+    if (line.count < line.values.size()) line.values[line.count] = *value;
     ++line.count;
   }
   return line;
@@ -74,15 +48,8 @@ Result<NumberLine> parse_line(const fs::path& path, int line_number, std::string
 // Calls parse(line) for every line that is neither empty nor a comment.
 template <typename Parse>
 Result<void> for_each_line(const fs::path& path, std::string_view text, Parse parse) {
-  int number = 0;
-  while (!text.empty()) {
-    const std::string_view raw = text.substr(0, text.find('\n'));
-    text.remove_prefix(std::min(raw.size() + 1, text.size()));
-    ++number;
-    std::string_view rest = raw;
-    const std::string_view first_word = next_word(&rest);
-    if (first_word.empty() || first_word.front() == '#') continue;
-    const Result<NumberLine> line = parse_line(path, number, raw);
+  for (const TextLine& text_line : content_lines(text)) {
+    const Result<NumberLine> line = parse_line(path, text_line);
     if (!line) return line.error();
     if (const Result<void> parsed = parse(*line); !parsed) return parsed;
   }
@@ -119,7 +86,7 @@ Result<Rigid3> kitti_pose(const fs::path& path, const NumberLine& line) {
 }
 
 Result<std::vector<double>> read_times(const fs::path& path) {
-  const Result<std::string> text = read_text(path);
+  const Result<std::string> text = read_text_file(path, kMaxBytes);
   if (!text) return text.error();
   std::vector<double> times;
   const Result<void> read = for_each_line(path, *text, [&](const NumberLine& line) -> Result<void> {
@@ -169,7 +136,7 @@ Result<Trajectory> read_trajectory(const fs::path& path) {
     if (!file) return file.error();
     return read_trajectory(*file);
   }
-  const Result<std::string> text = read_text(path);
+  const Result<std::string> text = read_text_file(path, kMaxBytes);
   if (!text) return text.error();
 
   Trajectory trajectory;

@@ -1,0 +1,104 @@
+#include "raysfm/io/atomic_file.h"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <atomic>
+#include <csignal>
+#include <string>
+#include <thread>
+
+#include "support/temporary_folder.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_support::content_of;
+using testing_support::TemporaryFolder;
+
+int file_count(const fs::path& folder) {
+  return static_cast<int>(std::distance(fs::directory_iterator(folder), fs::directory_iterator()));
+}
+
+// No file of this process may grow beyond `bytes` while the object lives, as on a full disk.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) {
+    std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, SIG_DFL);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+
+ private:
+  rlimit before_{};
+};
+
+TEST(AtomicFile, WritesAndReplaces) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.path() / "f";
+  ASSERT_TRUE(write_file(path, std::string("a\0b", 3)).ok());
+  EXPECT_EQ(content_of(path), std::string("a\0b", 3));
+  ASSERT_TRUE(write_file(path, "").ok());
+  EXPECT_EQ(content_of(path), "");
+  EXPECT_EQ(file_count(folder.path()), 1);
+}
+
+TEST(AtomicFile, MissingFolderIsNamed) {
+  const Result<void> written = write_file("/no/such/folder/f", "x");
+  ASSERT_FALSE(written.ok());
+  EXPECT_EQ(written.error().kind, ErrorKind::kBadInput);
+  EXPECT_EQ(written.error().message, "/no/such/folder/f: cannot be written: No such file or directory");
+}
+
+TEST(AtomicFile, FullDiskLeavesTheOldFileAndNothingElse) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.file("f", "old");
+  {
+    const FileSizeLimit limit(1000);
+    const Result<void> written = write_file(path, std::string(100000, 'x'));
+    ASSERT_FALSE(written.ok());
+    EXPECT_NE(written.error().message.find("f: cannot be written: File too large"), std::string::npos);
+  }
+  EXPECT_EQ(content_of(path), "old");
+  EXPECT_EQ(file_count(folder.path()), 1);
+}
+
+TEST(AtomicFile, FolderInTheWayLeavesNothing) {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.path() / "f");
+  EXPECT_FALSE(write_file(folder.path() / "f", "x").ok());
+  EXPECT_EQ(file_count(folder.path()), 1);
+}
+
+// Whoever reads while it is replaced sees one of the versions, whole.
+TEST(AtomicFile, ReadersNeverSeeAPart) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.path() / "f";
+  constexpr size_t kBytes = 1 << 16;
+  ASSERT_TRUE(write_file(path, std::string(kBytes, '0')).ok());
+  std::atomic<bool> done = false;
+  std::atomic<int> torn = 0;
+  std::thread reader([&] {
+    while (!done) {
+      const std::string seen = content_of(path);
+      if (seen.size() != kBytes || seen.find_first_not_of(seen[0]) != std::string::npos) ++torn;
+    }
+  });
+  for (int i = 1; i < 100; ++i) {
+    EXPECT_TRUE(write_file(path, std::string(kBytes, static_cast<char>('0' + i % 10))).ok());
+  }
+  done = true;
+  reader.join();
+  EXPECT_EQ(torn, 0);
+}
+
+}  // namespace
+}  // namespace raysfm
