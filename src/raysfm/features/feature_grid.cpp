@@ -24,18 +24,21 @@ void FeatureGrid::build(std::span<const Eigen::Vector2f> pixels, int width, int 
   starts_.assign(static_cast<size_t>(columns_) * rows_ + 2, 0);
   for (const Eigen::Vector2f& p : pixels) ++starts_[cell(p) + 2];
   for (size_t c = 2; c < starts_.size(); ++c) starts_[c] += starts_[c - 1];
-  indices_.resize(pixels.size());
-  sorted_.resize(pixels.size());
-  for (size_t i = 0; i < pixels.size(); ++i) {
+  size_ = static_cast<int>(pixels.size());
+  indices_.resize(pixels.size() + kReadable);
+  xs_.resize(pixels.size() + kReadable);
+  ys_.resize(pixels.size() + kReadable);
+  for (int i = 0; i < size_; ++i) {
     const int place = starts_[cell(pixels[i]) + 1]++;
-    indices_[place] = static_cast<int>(i);
-    sorted_[place] = pixels[i];
+    indices_[place] = i;
+    xs_[place] = pixels[i].x();
+    ys_[place] = pixels[i].y();
   }
 }
 
 FeatureGrid::Range FeatureGrid::cells_in(const Eigen::Vector2f& center, float radius) const {
   const bool finite = std::isfinite(center.x()) && std::isfinite(center.y()) && std::isfinite(radius);
-  if (!finite || radius < 0 || indices_.empty()) return {};
+  if (!finite || radius < 0 || size_ == 0) return {};
   return {cell_of(center.x() - radius, columns_), cell_of(center.x() + radius, columns_) + 1,
           cell_of(center.y() - radius, rows_), cell_of(center.y() + radius, rows_) + 1};
 }

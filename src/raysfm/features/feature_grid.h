@@ -1,8 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
-#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -16,23 +14,40 @@ class FeatureGrid {
   // width, height: of the image, > 0. Pixels outside it are filed under the nearest cell.
   void build(std::span<const Eigen::Vector2f> pixels, int width, int height);
 
-  int size() const { return static_cast<int>(indices_.size()); }
+  int size() const { return size_; }
 
   // Calls f(index) for every pixel with |pixel - center| <= radius, by cells in scan order and by index
   // within a cell; index refers to the span given to build(). A center or radius that is not finite finds
   // nothing.
   template <typename F>
   void for_each_in(const Eigen::Vector2f& center, float radius, F f) const {
-    const Range range = cells_in(center, radius);
     const float radius2 = radius * radius;
-    for (int row = range.row_begin; row < range.row_end; ++row) {
-      // The cells of a row lie one behind the other, so that one run covers them all.
-      const int end = starts_[row * columns_ + range.column_end];
-      for (int k = starts_[row * columns_ + range.column_begin]; k < end; ++k) {
-        if ((sorted_[k] - center).squaredNorm() <= radius2) f(indices_[k]);
+    for_each_run(center, radius, [&](int begin, int end) {
+      for (int k = begin; k < end; ++k) {
+        const float dx = xs_[k] - center.x(), dy = ys_[k] - center.y();
+        if (dx * dx + dy * dy <= radius2) f(indices_[k]);
       }
+    });
+  }
+
+  // For inner loops: calls f(begin, end) for the runs of places in xs(), ys() and indices() that hold all
+  // these pixels, and others near them. The cells of one row lie one behind the other, so that one run covers
+  // them.
+  template <typename F>
+  void for_each_run(const Eigen::Vector2f& center, float radius, F f) const {
+    const Range range = cells_in(center, radius);
+    for (int row = range.row_begin; row < range.row_end; ++row) {
+      const int* starts = starts_.data() + row * columns_;
+      f(starts[range.column_begin], starts[range.column_end]);
     }
   }
+
+  // Pixels by cell, and their indices in the span given to build(). kReadable elements behind the last may be
+  // read too.
+  static constexpr int kReadable = 16;
+  const float* xs() const { return xs_.data(); }
+  const float* ys() const { return ys_.data(); }
+  const int* indices() const { return indices_.data(); }
 
  private:
   struct Range {
@@ -42,9 +57,10 @@ class FeatureGrid {
 
   int columns_ = 0;
   int rows_ = 0;
-  std::vector<int> starts_;  // of each cell in sorted_, and the end of the last
+  int size_ = 0;
+  std::vector<int> starts_;  // of each cell in indices_, and the end of the last
   std::vector<int> indices_;
-  std::vector<Eigen::Vector2f> sorted_;  // pixels in the order of indices_
+  std::vector<float> xs_, ys_;
 };
 
 }  // namespace raysfm

@@ -14,10 +14,10 @@ struct HarrisOptions {
   int border = 8;           // pixels; no feature is closer to the border of the image than this, at least 4
   // Least response of a feature; M is the mean of the products of gradients in (grey levels / pixel)^2.
   // Weaker maxima are noise of the sensor.
-  float min_score = 20.0f;
+  float min_score = 5.0f;
   // Smallest part of the features that a cell of the grid may claim, whatever its contrast; the rest goes to
   // the strongest responses anywhere. In [0, 1].
-  float spread = 0.6f;
+  float spread = 0.4f;
   GrayView mask;  // same size as the image: 255 where a pixel sees the scene; empty: everywhere
 };
 

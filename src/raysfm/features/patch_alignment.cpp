@@ -25,8 +25,8 @@ constexpr int kCount = kSide * kSide;
 constexpr int kRow = 16;
 constexpr int kArea = kSide * kRow;
 
-// Least eigenvalue of the normal matrix: with noise of 2 grey levels, sigma = 2 / sqrt(200) = 0.14 pixels.
-constexpr float kMinCurvature = 200.0f;
+// Least eigenvalue of the normal matrix: with noise of 2 grey levels, sigma = 2 / sqrt(50) = 0.28 pixels.
+constexpr float kMinCurvature = 50.0f;
 
 const hn::CappedTag<float, kRow> kFloats;
 

@@ -14,8 +14,8 @@ struct PatchAlignment {
 };
 
 struct PatchAlignmentOptions {
-  int max_iterations = 8;
-  float stop_px = 0.01f;      // converged when a step is shorter than this
+  int max_iterations = 10;
+  float stop_px = 0.02f;      // converged when a step is shorter than this
   float max_shift_px = 3.0f;  // from the start; farther ones are rejected
   float min_zncc = 0.7f;      // lower ones are rejected
 };

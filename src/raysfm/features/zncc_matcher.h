@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -37,13 +38,8 @@ class ZnccMatcher {
              const ZnccOptions& options, std::vector<ZnccMatch>* matches);
 
  private:
-  struct Best {
-    float zncc;
-    float second;
-    int index;
-  };
-  std::vector<Best> best_of_query_;
-  std::vector<Best> best_of_train_;
+  std::vector<uint64_t> best_of_query_, best_of_train_;  // score and partner in one number, see the source
+  std::vector<float> second_of_query_;
   std::vector<int> candidates_;
   std::vector<float> scores_;
 };
