@@ -31,6 +31,10 @@ class FrameSource {
   // The next frame; nullopt at the end. After an error the stream is at its end.
   virtual Result<std::optional<InputFrame>> next() = 0;
 
+  // Size of all frames, known from the start; pixels.
+  virtual int width() const = 0;
+  virtual int height() const = 0;
+
   // Number of frames, -1 where only reading to the end would tell. A video's count is what its container
   // says.
   virtual int frame_count() const = 0;
@@ -45,18 +49,27 @@ class FrameSource {
 
 struct InputOptions {
   double fps = 0;  // frames per second of inputs without timestamps, and of videos when given; 0: not given
-  bool mono = false;  // the first camera only of a layout that has several
+  bool ignore_calibration = false;  // do not read the camera file that lies beside the images
+  bool mono = false;                // the first camera only of a layout that has several
 };
 
 // Everything that the inputs of the command line hold.
 struct Input {
-  std::vector<std::unique_ptr<FrameSource>> streams;  // at least one
-  std::optional<Rig> calibration;                     // found beside the images
-  std::string
-      layout;  // of the first input: "video", "images", "sequence", "kitti", "euroc", "tum-rgbd", "device"
+  std::vector<std::unique_ptr<FrameSource>> streams;      // at least one
+  std::optional<Rig> calibration;                         // found beside the images, fits the streams
+  std::optional<std::filesystem::path> calibration_file;  // where; set also when it is ignored
+  // Of the first input: "video", "images", "sequence", "kitti", "euroc", "tum-rgbd" or "device".
+  std::string layout;
   std::optional<std::filesystem::path> truth;  // trajectory found beside the images
   std::optional<std::filesystem::path> mask;   // mask.png found beside the images
 };
+
+// The rig for streams that are open: sizes that the camera file did not say are taken from the streams, and
+// cameras whose stream is not there are left out, of which `note` tells (e.g. the right one of a stereo pair
+// with --mono). Errors: bad input, where the size of a camera is not that of its stream, a roi is not inside
+// it, or a stream has no camera.
+Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSource>>& streams,
+                            std::string* note);
 
 // Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
 // layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are
