@@ -56,18 +56,17 @@ class BundleAdjuster::Workspace {
 
   double linearize();
   LmStep solve(double damping) { return system_.solve(damping); }
-  LmTrial evaluate();
+  LmTrial evaluate(bool linearize);
   void accept();
 
  private:
-  template <bool kJacobian>
-  void work(State& state);
+  double work(State& state, bool linearize);
   template <bool kJacobian, typename Residual>
-  void work_on_group(const ObservationLayout::Group& group, const Residual& residual, State& state);
+  double work_on_group(const ObservationLayout::Group& group, const Residual& residual, State& state);
   void add_block(const ObservationLayout::Group& group, int begin, const RowMajor3& rotation);
   void move_points_of_lost(double share);
   void drop_lost();
-  double sum_active(const State& state) const;
+  double cost_without_lost(const State& state);
 
   std::span<const Camera> cameras_;
   RobustLoss loss_;
@@ -77,6 +76,7 @@ class BundleAdjuster::Workspace {
   std::vector<uint8_t> active_;  // by lane: an inlier that projects
   std::vector<int> lost_;        // active lanes that did not project in the last pass
   int active_count_ = 0, dropped_ = 0;
+  double current_cost_ = 0, trial_cost_ = 0;
   ObservationBlock block_;
   PoseSums pose_sums_;
 };
@@ -106,13 +106,12 @@ void BundleAdjuster::Workspace::store(const BundleProblem& problem) const {
 }
 
 double BundleAdjuster::Workspace::linearize() {
-  system_.set_zero();
-  work<true>(current_);
+  current_cost_ = work(current_, true);
   drop_lost();
-  return sum_active(current_);
+  return current_cost_;
 }
 
-LmTrial BundleAdjuster::Workspace::evaluate() {
+LmTrial BundleAdjuster::Workspace::evaluate(bool linearize) {
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   for (size_t i = 0; i < layout_.poses.size(); ++i) {
     const Eigen::Map<const Vector6> step(system_.pose_step(static_cast<int>(i)));
@@ -122,24 +121,22 @@ LmTrial BundleAdjuster::Workspace::evaluate() {
     const Eigen::Map<const Eigen::Vector3d> step(system_.point_step(static_cast<int>(p)));
     trial_.points[layout_.points[p]] = current_.points[layout_.points[p]] + step;
   }
-  work<false>(trial_);
+  trial_cost_ = work(trial_, linearize);
   for (const double share : {0.25, 0.0}) {
     if (lost_.empty()) break;
     move_points_of_lost(share);
-    work<false>(trial_);
+    trial_cost_ = work(trial_, linearize);
   }
-  if (lost_.empty()) return {sum_active(current_), sum_active(trial_)};
+  if (lost_.empty()) return {current_cost_, trial_cost_};
   constexpr size_t kMostLost = 50;  // one in so many
-  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_)) return {sum_active(current_), INFINITY};
-  for (int k : lost_) active_[k] = 0;
-  const LmTrial kept = {sum_active(current_), sum_active(trial_)};
-  for (int k : lost_) active_[k] = 1;
-  return kept;
+  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_)) return {current_cost_, INFINITY};
+  return {cost_without_lost(current_), trial_cost_};
 }
 
 void BundleAdjuster::Workspace::accept() {
   drop_lost();
   std::swap(current_, trial_);
+  current_cost_ = trial_cost_;
 }
 
 void BundleAdjuster::Workspace::move_points_of_lost(double share) {
@@ -159,30 +156,40 @@ void BundleAdjuster::Workspace::drop_lost() {
   lost_.clear();
 }
 
-double BundleAdjuster::Workspace::sum_active(const State& state) const {
+double BundleAdjuster::Workspace::cost_without_lost(const State& state) {
+  for (int k : lost_) active_[k] = 0;
   double sum = 0;
   for (size_t k = 0; k < active_.size(); ++k) sum += active_[k] ? state.lane_cost[k] : 0.0;
+  for (int k : lost_) active_[k] = 1;
   return sum;
 }
 
-// Costs of all active lanes, and with kJacobian the normal equations. Lanes that do not project go to lost_.
-template <bool kJacobian>
-void BundleAdjuster::Workspace::work(State& state) {
+// Costs of all active lanes, and the normal equations if asked. Lanes that do not project go to lost_ and are
+// in neither.
+double BundleAdjuster::Workspace::work(State& state, bool linearize) {
   lost_.clear();
+  if (linearize) system_.set_zero();
+  double cost = 0;
   for (const ObservationLayout::Group& group : layout_.groups) {
     const Camera& camera = cameras_[group.camera];
-    std::visit(
-        [&](const auto& model) { work_on_group<kJacobian>(group, PixelResidual(camera, model), state); },
+    cost += std::visit(
+        [&](const auto& model) {
+          const PixelResidual residual(camera, model);
+          return linearize ? work_on_group<true>(group, residual, state)
+                           : work_on_group<false>(group, residual, state);
+        },
         camera.model);
   }
+  return cost;
 }
 
 template <bool kJacobian, typename Residual>
-void BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& group, const Residual& residual,
-                                              State& state) {
+double BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& group,
+                                                const Residual& residual, State& state) {
   const RowMajor3 rotation = state.poses[group.pose].rotation.toRotationMatrix();
   const Eigen::Vector3d& translation = state.poses[group.pose].translation;
   ObservationBlock& block = block_;
+  double cost = 0;
   if (kJacobian && group.system_pose >= 0) std::memset(&pose_sums_, 0, sizeof(pose_sums_));
   for (int begin = group.begin; begin < group.end; begin += kBundleLanes) {
     alignas(64) double world[3][kBundleLanes];
@@ -202,7 +209,7 @@ void BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& gr
         if (kJacobian) clear_lane(block, k);
         continue;
       }
-      state.lane_cost[begin + k] = 0.5 * loss_.cost(squared);
+      cost += state.lane_cost[begin + k] = 0.5 * loss_.cost(squared);
       if (!kJacobian) continue;
       block.residual[0][k] = r[0], block.residual[1][k] = r[1];
       for (int c = 0; c < 6; ++c) block.jacobian[c][k] = jacobian(c / 3, c % 3);
@@ -214,6 +221,7 @@ void BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& gr
     SchurSystem::PoseBlock& pose = system_.pose(group.system_pose);
     add_pose_sums(pose_sums_, pose.u, pose.gradient);
   }
+  return cost;
 }
 
 void BundleAdjuster::Workspace::add_block(const ObservationLayout::Group& group, int begin,

@@ -60,10 +60,13 @@ struct LmTrial {
 
 // Levenberg-Marquardt minimisation with Marquardt's scaling of the damping (lambda times the diagonal of the
 // normal equations) and Nielsen's update of lambda. The cost never rises. `Problem` owns the state:
-//   double linearize()          normal equations at the current state; returns the cost there
-//   LmStep solve(double lambda)  step of the damped system
-//   LmTrial evaluate()          cost of the current state moved by the step
-//   void accept()               makes the moved state the current one
+//   double linearize()            normal equations at the current state; returns the cost there
+//   LmStep solve(double lambda)   step of the damped system
+//   LmTrial evaluate(bool linearize)  cost of the current state moved by the step; with `linearize` also the
+//                                 normal equations there, in place of those of the current state
+//   void accept()                 makes the moved state the current one
+// Most steps are accepted, and cost and derivatives share most of their work: they are computed together
+// unless the step is expected to be the last.
 template <typename Problem>
 LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
   constexpr double kMinDamping = 1e-10, kMaxDamping = 1e12, kFirstGrowth = 2.0;
@@ -76,18 +79,20 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
   }
   summary.termination = Termination::kMaxIterations;
   double damping = options.initial_damping, growth = kFirstGrowth;
-  bool stale = false;  // whether the state moved since the last linearisation
+  bool stale = false;  // the normal equations are not those of the current state
   while (summary.iterations < options.max_iterations) {
     if (stale) problem.linearize();
-    stale = false;
     ++summary.iterations;
+    const LmStep step = problem.solve(damping);
     // Heavily damped after a refusal, a step may be small without the bottom being near.
     const bool first_try = growth == kFirstGrowth;
-    const LmStep step = problem.solve(damping);
-    const LmTrial trial = step.valid ? problem.evaluate() : LmTrial{cost, INFINITY};
-    if (trial.after <= trial.before) {  // false for NaN
+    const bool at_bottom = first_try && step.valid && step.decrease <= options.min_relative_decrease * cost;
+    const bool ahead = !at_bottom && summary.iterations < options.max_iterations;
+    const LmTrial trial = step.valid ? problem.evaluate(ahead) : LmTrial{cost, INFINITY};
+    const bool accepted = trial.after <= trial.before;  // false for NaN
+    stale = accepted ? !ahead : ahead && step.valid;
+    if (accepted) {
       problem.accept();
-      stale = true;
       const double decrease = trial.before - trial.after;
       summary.final_cost = cost = trial.after;
       if (first_try && decrease <= options.min_relative_decrease * trial.before) {
@@ -98,8 +103,7 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
       damping = std::max(kMinDamping, damping * std::max(1.0 / 3.0, 1.0 - gain * gain * gain));
       growth = kFirstGrowth;
     } else {
-      // A step that promises nothing and gives nothing is the bottom, as far as doubles can tell.
-      if (first_try && step.valid && step.decrease <= options.min_relative_decrease * cost) {
+      if (at_bottom) {  // as far as doubles can tell
         summary.termination = Termination::kConverged;
         break;
       }

@@ -29,11 +29,12 @@ struct Small {
     step = -h.ldlt().solve(j.transpose() * r);
     return {step.allFinite(), 0.5 * step.dot(lambda * d.cwiseProduct(step) - j.transpose() * r)};
   }
-  LmTrial evaluate() {
+  LmTrial evaluate(bool linearize) {
     trial = x + step;
     Eigen::Vector2d trial_r;
-    Eigen::Matrix2d unused;
-    f(trial, &trial_r, &unused);
+    Eigen::Matrix2d trial_j;
+    f(trial, &trial_r, &trial_j);
+    if (linearize) r = trial_r, j = trial_j;
     return {cost, trial_cost = 0.5 * trial_r.squaredNorm()};
   }
   void accept() {
