@@ -41,8 +41,8 @@ Colour plaster(float u, float v, uint32_t seed, const Texture& noise) {
   const float stain = speckle(noise, u, v, 1.f, 0);
   const float patch = smoothstep(0.13f, 0.16f, speckle(noise, u + 0.3f, v, 1.f, 1));
   const float crack = smoothstep(0.012f, 0.f, std::abs(speckle(noise, v, u, 1.f, 0) + 0.02f));
-  const float base = 178.f + 20.f * chance(0, 0, seed);
-  return Colour::Constant(base + 90.f * stain + 60.f * speckle(noise, u, v, 4.f, 1) - 45.f * patch -
+  const float base = 176.f + 20.f * chance(0, 0, seed);
+  return Colour::Constant(base + 50.f * stain + 50.f * speckle(noise, u, v, 4.f, 1) - 45.f * patch -
                           60.f * crack);
 }
 
@@ -95,16 +95,16 @@ Colour asphalt(float u, float v, uint32_t seed, const Texture& noise) {
   const float repaired = smoothstep(0.10f, 0.12f, speckle(noise, u, v, 1.f, 0));
   const float crack = smoothstep(0.010f, 0.f, std::abs(speckle(noise, v + 0.5f, u, 1.f, 0)));
   const float stones = chance(static_cast<int>(512.f * u), static_cast<int>(512.f * v), seed) - 0.5f;
-  return Colour(112.f, 112.f, 116.f) + 110.f * speckle(noise, u, v, 2.f, 1) + 60.f * stones -
-         30.f * repaired - 55.f * crack;
+  return Colour(118.f, 117.f, 116.f) + 60.f * speckle(noise, u, v, 2.f, 1) + 60.f * stones - 30.f * repaired -
+         55.f * crack;
 }
 
 Colour foliage(float u, float v, uint32_t seed, const Texture& noise) {
-  const Nearest leaf = nearest_seed(u, v, 22, seed);
+  const Nearest leaf = nearest_seed(u, v, 36, seed);
   const float tone = chance(leaf.x, leaf.y, seed + 2);
   const float depth = speckle(noise, u, v, 1.f, 1);
   const float light = (0.25f + 0.95f * tone) * smoothstep(0.75f, 0.15f, leaf.first) * (1.f + 1.4f * depth);
-  return Colour(25.f, 38.f, 18.f) + Colour(110.f, 145.f, 62.f) * std::max(light, 0.f);
+  return Colour(25.f, 38.f, 18.f) + Colour(104.f, 126.f, 66.f) * std::max(light, 0.f);
 }
 
 Colour cloth(float u, float v, uint32_t seed, const Texture& noise) {
@@ -155,7 +155,7 @@ Painter repeating_painter(Pattern pattern, uint32_t seed, const Texture& noise) 
     case Pattern::kCloth:
       return {256, with(cloth)};
     case Pattern::kCheckerboard:
-      return {64, with(checkerboard)};
+      return {256, with(checkerboard)};
     default:
       return {4, [](float, float) { return Colour::Constant(180.f); }};
   }

@@ -1,5 +1,6 @@
 #include "raysfm/synth/scene.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
 

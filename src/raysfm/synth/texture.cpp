@@ -24,16 +24,13 @@ uint32_t mean_of_four(uint32_t a, uint32_t b, uint32_t c, uint32_t d) {
   return static_cast<uint32_t>(mean | mean >> 24);
 }
 
-Colour unpack(uint64_t lanes) {
-  constexpr float kScale = 1.f / 256.f;
-  return Colour(static_cast<float>(lanes & 0xffff), static_cast<float>(lanes >> 32 & 0xffff),
-                static_cast<float>(lanes >> 16 & 0xffff)) *
-         kScale;
+Colour unpack(uint64_t lanes, float scale) {
+  return scale * Colour(static_cast<float>(lanes & 0xffff), static_cast<float>(lanes >> 32 & 0xffff),
+                        static_cast<float>(lanes >> 16 & 0xffff));
 }
 
-// floor(256 x) for |x| < 2^22, without the slow library call.
-int fixed_point(float x) {
-  const float scaled = 256.f * x;
+// floor(x) for |x| < 2^31, without the slow library call.
+int floor_of(float scaled) {
   const int truncated = static_cast<int>(scaled);
   return truncated - (static_cast<float>(truncated) > scaled);
 }
@@ -76,13 +73,14 @@ Texture::Texture(int side, const std::function<Colour(float u, float v)>& paint,
   }
 }
 
-Texture::Lanes Texture::bilinear(int level, float u, float v) const {
-  const int n = side_ >> level;
-  const int x = fixed_point(u * static_cast<float>(n)) - 128;  // 1/256 texel, from the centre of texel 0
-  const int y = fixed_point(v * static_cast<float>(n)) - 128;
-  const int x0 = (x >> 8) & (n - 1), x1 = (x0 + 1) & (n - 1);
-  const uint32_t* row0 = texels_.data() + first_[level] + ((y >> 8) & (n - 1)) * n;
-  const uint32_t* row1 = texels_.data() + first_[level] + (((y >> 8) + 1) & (n - 1)) * n;
+inline uint64_t Texture::bilinear(int level, int x, int y) const {
+  const int mask = (side_ >> level) - 1, shift = levels_ - 1 - level;
+  x = (x >> level) - 128;  // from the centre of texel 0
+  y = (y >> level) - 128;
+  const int x0 = (x >> 8) & mask, x1 = (x0 + 1) & mask;
+  const uint32_t* texels = texels_.data() + first_[static_cast<size_t>(level)];
+  const uint32_t* row0 = texels + (((y >> 8) & mask) << shift);
+  const uint32_t* row1 = texels + ((((y >> 8) + 1) & mask) << shift);
   const uint64_t wx = x & 255, wy = y & 255;
   const uint64_t w11 = (wx * wy + 128) >> 8;
   return spread(row0[x0]) * (256 - wx - wy + w11) + spread(row0[x1]) * (wx - w11) +
@@ -90,12 +88,16 @@ Texture::Lanes Texture::bilinear(int level, float u, float v) const {
 }
 
 Colour Texture::sample(float u, float v, float footprint) const {
-  const float texels = footprint * static_cast<float>(side_);
-  if (!(texels > 1.f)) return unpack(bilinear(0, u, v));
+  const float side = static_cast<float>(side_);
+  const int x = floor_of(256.f * side * u), y = floor_of(256.f * side * v);
+  const float texels = footprint * side;
+  constexpr float kScale = 1.f / 256.f;
+  if (!(texels > 1.f)) return unpack(bilinear(0, x, y), kScale);
   const float level = std::min(rough_log2(texels), static_cast<float>(levels_ - 1));
   const int below = std::min(static_cast<int>(level), levels_ - 2);
   const float weight = level - static_cast<float>(below);
-  return unpack(bilinear(below, u, v)) * (1.f - weight) + unpack(bilinear(below + 1, u, v)) * weight;
+  return unpack(bilinear(below, x, y), (1.f - weight) * kScale) +
+         unpack(bilinear(below + 1, x, y), weight * kScale);
 }
 
 }  // namespace raysfm::synth

@@ -26,9 +26,8 @@ class Texture {
   Colour sample(float u, float v, float footprint) const;
 
  private:
-  using Lanes = uint64_t;  // red, blue, green, unused: 16 bits each
-
-  Lanes bilinear(int level, float u, float v) const;
+  // Red, blue, green, unused: 16 bits each, in 1/256 grey levels. (x, y): 1/256 texel of level 0.
+  uint64_t bilinear(int level, int x, int y) const;
 
   int side_;
   int levels_;

@@ -1,5 +1,7 @@
 #include "raysfm/synth/world.h"
 
+#include <sstream>
+
 #include "raysfm/synth/builder.h"
 
 namespace raysfm::synth {
@@ -25,19 +27,24 @@ const std::vector<WorldInfo>& world_list() {
   return worlds;
 }
 
+double usual_length(std::string_view name) {
+  for (const WorldInfo& info : world_list()) {
+    if (info.name == name) return info.usual_length;
+  }
+  return 0;
+}
+
 Result<World> make_world(std::string_view name, const WorldOptions& options, ThreadPool& pool) {
-  const WorldInfo* info = nullptr;
-  for (const WorldInfo& candidate : world_list()) {
-    if (candidate.name == name) info = &candidate;
+  const double usual = usual_length(name);
+  if (usual == 0) return bad_input("world: '" + std::string(name) + "' is unknown; known: " + names());
+  const double most = name == "room" || name == "board" ? usual : 2000;
+  if (!(options.length >= 0 && options.length <= most)) {
+    std::ostringstream text;
+    text << "length: " << options.length << " m is not allowed, world " << name << " has room for up to "
+         << most;
+    return bad_input(text.str());
   }
-  if (!info) return bad_input("world: '" + std::string(name) + "' is unknown; known: " + names());
-  const bool grows = name != "room" && name != "board";
-  const double length = options.length == 0 ? info->default_length : options.length;
-  const double least = name == "town" ? 120 : 1, most = grows ? 2000 : info->default_length;
-  if (!(length >= least && length <= most)) {
-    return bad_input("length: " + std::to_string(options.length) + " m is outside [" + std::to_string(least) +
-                     ", " + std::to_string(most) + "], which is what world " + std::string(name) + " allows");
-  }
+  const double length = std::max(options.length, usual);
   Builder builder(std::string(name), options.seed, pool);
   World world = name == "street"     ? build_street(std::move(builder), length)
                 : name == "town"     ? build_town(std::move(builder), length)

@@ -63,18 +63,22 @@ struct World {
 struct WorldInfo {
   std::string_view name;
   std::string_view description;
-  double default_length;  // metres of `drive`
+  double usual_length;  // metres of `drive`
 };
 
 // The worlds that make_world knows.
 const std::vector<WorldInfo>& world_list();
 
 struct WorldOptions {
-  double length = 0;  // metres that `drive` covers, in [1, 2000]; 0: the world's default
+  double length = 0;  // metres that `drive` must have room for, up to 2000; 0: the world's usual length
   uint64_t seed = 0;  // of the arrangement
 };
 
-// Error: unknown name, or a length that the world cannot have.
+// Metres of `drive` in a world that make_world knows, else 0.
+double usual_length(std::string_view name);
+
+// A world is never shorter than usual, so that a shorter drive sees the same things. Error: unknown name, or
+// a length that the world cannot have.
 Result<World> make_world(std::string_view name, const WorldOptions& options, ThreadPool& pool);
 
 }  // namespace raysfm::synth

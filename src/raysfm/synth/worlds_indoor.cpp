@@ -248,7 +248,7 @@ World build_board(Builder b) {
   stage.circuit = rectangle(-0.6, 0.6, -2.6, -1.6, 0.1, stage.spacing);
   stage.eye = {0, -0.1, -1.8};
   stage.centre = {0, 0, 0};
-  stage.orbit_radius = 1.8;
+  stage.orbit_radius = 2.2;
   stage.orbit_height = 0.15;
   stage.orbit_arc_deg = 70;
   stage.orbit_start_deg = -35;

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/result.h"
+#include "raysfm/synth/renderer.h"
+
+namespace raysfm::synth {
+
+// What to film. Zero and empty stand for the world's habit.
+struct SequenceOptions {
+  std::string world;
+  std::string motion;
+  int frames = 0;     // at most 1000000
+  double fps = 0;     // Hz, at most 10000
+  double length = 0;  // metres of `drive`; else it goes at the world's usual speed
+  uint64_t seed = 0;
+  RenderOptions render;  // its seed is replaced by the one above
+};
+
+// The camera where none is given: 512 x 384 pixels, 64 degrees wide.
+Camera default_camera();
+
+// A rig that moves through a world: images and the exact pose of every frame. Frame i is at i / fps seconds.
+class Sequence {
+ public:
+  // `pool` must outlive it. Errors: bad input, naming the option, its value and what is allowed.
+  static Result<std::unique_ptr<Sequence>> create(SequenceOptions options, const Rig& rig, ThreadPool& pool);
+
+  int frames() const { return options_.frames; }
+  double timestamp(int frame) const { return static_cast<double>(frame) / options_.fps; }
+  Rigid3 world_from_rig(int frame) const { return motion_(timestamp(frame)); }
+  const World& world() const { return world_; }
+  const SequenceOptions& options() const { return options_; }  // with the defaults filled in
+
+  // Blue, green, red interleaved; see Renderer::render.
+  Image<uint8_t> render(int frame, int camera) {
+    return renderers_[static_cast<size_t>(camera)].render(motion_, timestamp(frame), frame, camera);
+  }
+
+ private:
+  Sequence(SequenceOptions options, World world, Motion motion)
+      : options_(std::move(options)), world_(std::move(world)), motion_(std::move(motion)) {}
+
+  SequenceOptions options_;
+  World world_;
+  Motion motion_;
+  std::vector<Renderer> renderers_;
+};
+
+}  // namespace raysfm::synth
