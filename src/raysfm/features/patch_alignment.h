@@ -22,7 +22,7 @@ struct PatchAlignmentOptions {
 
 // Finds where patches of a reference image lie in a target image, to a few hundredths of a pixel: inverse
 // compositional Lucas-Kanade over the two coordinates of a patch of 11 x 11 pixels, with gain and bias of the
-// brightness projected out (Baker and Matthews 2004, section 3.2 and part 2 section 3.3.3).
+// brightness projected out (Baker and Matthews, Lucas-Kanade 20 Years On, 2004).
 class PatchAligner {
  public:
   PatchAligner() = default;
