@@ -32,7 +32,7 @@ struct BundleSceneOptions {
   double noise_px = 0.5;
   double pose_error = 0.01, point_error = 0.05;  // of the start; only of what is free
   uint64_t seed = 1;
-  std::vector<Camera> cameras;  // empty: one pinhole camera
+  std::vector<Camera> cameras = {};  // empty: one pinhole camera
 };
 
 inline Camera pinhole_camera() {

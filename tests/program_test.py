@@ -1,0 +1,148 @@
+"""The program as its users meet it: program_test.py PROGRAM [unittest arguments]."""
+import json
+import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+PROGRAM = ""
+SUBCOMMANDS = ["track", "eval", "synth"]
+
+
+def run(*arguments, stdout=subprocess.PIPE):
+    command = [PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=300, check=False)
+
+
+class ProgramTest(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def file(self, name, text):
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+    def refused(self, *arguments, says):
+        """The command fails with exit code 2 and one line that holds every text of `says`."""
+        done = run(*arguments)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        for text in says:
+            self.assertIn(str(text), done.stderr)
+
+
+class Usage(ProgramTest):
+    def test_help(self):
+        self.assertEqual(run("--help").returncode, 0)
+        for subcommand in SUBCOMMANDS:
+            done = run(subcommand, "--help")
+            self.assertEqual((done.returncode, done.stderr), (0, ""))
+            self.assertIn("Usage: raysfm " + subcommand, done.stdout)
+
+    def test_version(self):
+        done = run("--version")
+        self.assertEqual(done.returncode, 0)
+        self.assertRegex(done.stdout, r"\A\d+\.\d+\.\d+\n\Z")
+
+    def test_bad_usage(self):
+        for arguments in ([], ["nonsense"], ["eval"], ["eval", "a"], ["eval", "a", "b", "--no-such-flag"],
+                          ["track"], ["synth"], ["--threads", "-1", "eval", "a", "b"], ["--seed", "x", "eval", "a", "b"]):
+            done = run(*arguments)
+            self.assertEqual(done.returncode, 2, arguments)
+            self.assertNotEqual(done.stderr, "", arguments)
+
+
+def tum(poses):
+    return "".join("%.9f %.12g %.12g %.12g 0 0 0 1\n" % pose for pose in poses)
+
+
+def spiral(count=50):
+    """(t, x, y, z) of a path that spans all directions."""
+    return [(0.1 * i, 0.01 * i * math.cos(0.3 * i), 0.05 * i, 0.01 * i * math.sin(0.3 * i)) for i in range(count)]
+
+
+class Eval(ProgramTest):
+    def setUp(self):
+        super().setUp()
+        self.truth = self.file("truth.txt", tum(spiral()))
+
+    def json(self, *arguments):
+        done = run("eval", *arguments, "--json")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return json.loads(done.stdout)
+
+    def test_json_of_the_contract(self):
+        scaled = self.file("scaled.txt", tum([(t, 3 * x + 1, 3 * y + 2, 3 * z) for t, x, y, z in spiral()[:40]]))
+        result = self.json(scaled, self.truth)
+        self.assertEqual(result["align"], "sim3")
+        self.assertAlmostEqual(result["scale"], 1 / 3, places=9)
+        self.assertEqual(result["matched"], 40)
+        self.assertAlmostEqual(result["coverage"], 0.8)
+        self.assertEqual(set(result["ate"]), {"rmse", "mean", "median", "max"})
+        self.assertLess(result["ate"]["max"], 1e-8)
+        self.assertLess(result["ate_xy"]["mean"], 1e-8)
+        self.assertLess(result["rpe"]["trans"], 1e-8)
+        self.assertLess(result["rpe"]["rot_deg"], 1e-6)
+        self.assertEqual(result["kitti"], {"t_rel_percent": None, "r_rel_deg_per_100m": None})
+        length = sum(math.dist(a[1:], b[1:]) for a, b in zip(spiral()[:39], spiral()[1:40]))
+        self.assertAlmostEqual(result["length_m"], length, places=6)
+
+    def test_alignments(self):
+        moved = self.file("moved.txt", tum([(t, x + 3, y - 4, z) for t, x, y, z in spiral()]))
+        self.assertLess(self.json(moved, self.truth, "--align", "se3")["ate"]["max"], 1e-8)
+        self.assertAlmostEqual(self.json(moved, self.truth, "--align", "none")["ate"]["mean"], 5, places=9)
+
+    def test_max_dt(self):
+        late = self.file("late.txt", tum([(t + 0.03, x, y, z) for t, x, y, z in spiral()]))
+        self.refused("eval", late, self.truth, says=[late, self.truth, "0 poses of the estimate match"])
+        self.assertEqual(self.json(late, self.truth, "--max-dt", "0.04")["matched"], 50)
+
+    def test_folders(self):
+        self.file("out/trajectory.txt", tum(spiral()))
+        self.file("sequence/times.txt", "".join("%.9f\n" % pose[0] for pose in spiral()))
+        self.file("sequence/poses.txt", "".join("1 0 0 %.12g 0 1 0 %.12g 0 0 1 %.12g\n" % p[1:] for p in spiral()))
+        self.assertLess(self.json(self.folder / "out", self.folder / "sequence")["ate"]["max"], 1e-8)
+
+    def test_table_and_quiet(self):
+        done = run("eval", self.truth, self.truth)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        for text in ("sim3, scale 1", "coverage 100.0 %", "of the path", "%"):
+            self.assertIn(text, done.stdout)
+        self.assertEqual(run("eval", self.truth, self.truth, "--quiet").stdout, "")
+
+    def test_plot(self):
+        picture = self.folder / "plot.png"
+        self.assertEqual(run("eval", self.truth, self.truth, "--plot", picture).returncode, 0)
+        self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+
+    def test_bad_input(self):
+        bad = self.file("bad.txt", "0 0 0 0 0 0 0 1\n1 0 0 zero 0 0 0 1\n")
+        self.refused("eval", bad, self.truth, says=[f"{bad}:2", "field 4", "'zero'"])
+        self.refused("eval", self.truth, bad, says=[f"{bad}:2", "field 4", "'zero'"])
+        self.refused("eval", self.folder / "missing", self.truth, says=[self.folder / "missing", "no such file"])
+        self.refused("eval", self.folder / "..", self.truth, says=["no trajectory in this folder"])
+        self.refused("eval", self.truth, self.truth, "--max-dt", "-1", says=["--max-dt", "-1"])
+        self.refused("eval", self.truth, self.truth, "--max-dt", "nan", says=["--max-dt", "nan"])
+        self.refused("eval", self.truth, self.truth, "--plot", self.folder / "no" / "plot.png",
+                     says=["plot.png", "No such file or directory"])
+        short = self.file("short.txt", tum(spiral()[:2]))
+        self.refused("eval", short, self.truth, says=["2 poses", "at least 3"])
+        self.assertEqual(run("eval", self.truth, self.truth, "--align", "affine").returncode, 2)
+
+    @unittest.skipUnless(os.path.exists("/dev/full"), "needs /dev/full")
+    def test_full_standard_output(self):
+        with open("/dev/full", "w", encoding="utf-8") as full:
+            self.assertEqual(run("eval", self.truth, self.truth, stdout=full).returncode, 2)
+
+
+if __name__ == "__main__":
+    PROGRAM = sys.argv.pop(1)
+    unittest.main()
