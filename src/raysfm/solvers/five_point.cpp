@@ -140,15 +140,17 @@ void essential_constraints(const Basis& basis, Cubics* constraints) {
 }
 
 // Gauss-Jordan elimination with row pivots of the first ten columns. Only rows 4 to 9 are reduced fully: the
-// rest is not used.
-bool eliminate(Cubics* rows) {
+// rest is not used. Returns the smallest pivot, 0 when the system is singular.
+double eliminate(Cubics* rows) {
   Cubics& a = *rows;
+  double smallest = 1;
   for (int k = 0; k < 10; ++k) {
     int pivot = k;
     for (int i = k + 1; i < 10; ++i) {
       if (std::abs(a[i][k]) > std::abs(a[pivot][k])) pivot = i;
     }
-    if (!(std::abs(a[pivot][k]) > 1e-14)) return false;
+    smallest = std::min(smallest, std::abs(a[pivot][k]));
+    if (!(smallest > 1e-14)) return 0;
     if (pivot != k) std::swap(a[pivot], a[k]);
     const double inverse = 1.0 / a[k][k];
     for (int i = k + 1; i < 10; ++i) {
@@ -164,7 +166,7 @@ bool eliminate(Cubics* rows) {
       a[k][j] = value * inverse;
     }
   }
-  return true;
+  return smallest;
 }
 
 // Row of the 3x3 matrix B(z) with B(z) (x, y, 1)^T = 0, from upper - z * lower of two eliminated rows.
@@ -250,19 +252,22 @@ void polish(const Basis& basis, Eigen::Vector4d c, Matrix3d* essential) {
   }
 }
 
-}  // namespace
-
-int five_point(std::span<const Vector3d, 5> bearings0, std::span<const Vector3d, 5> bearings1,
-               std::array<Matrix3d, 10>* essentials) {
-  Basis basis;
-  if (!null_space(bearings0, bearings1, &basis)) return 0;
+// Solutions in one basis of the null space, of Frobenius norm one. Sets `*sure` when the elimination and the
+// polynomial were well conditioned, so that none is missing.
+int solve_in_basis(const Basis& basis, std::array<Matrix3d, 10>* essentials, bool* sure) {
+  constexpr double kSafePivot = 1e-3, kSafePolynomial = 1e-4;
+  *sure = false;
   Cubics rows;
   essential_constraints(basis, &rows);
-  if (!eliminate(&rows)) return 0;
+  const double pivot = eliminate(&rows);
+  if (!(pivot > 0)) return 0;
   const PolynomialMatrix b = {subtract_shifted(rows[4], rows[5]), subtract_shifted(rows[6], rows[7]),
                               subtract_shifted(rows[8], rows[9])};
   std::array<double, 10> roots;
-  const int count = real_roots(determinant(b), roots.data());
+  double conditioning;
+  const int count = real_roots(determinant(b), roots.data(), &conditioning);
+  // Complex roots come in pairs: an odd count is a lost root.
+  *sure = pivot > kSafePivot && conditioning > kSafePolynomial && count % 2 == 0;
 
   int found = 0;
   for (int i = 0; i < count; ++i) {
@@ -273,9 +278,55 @@ int five_point(std::span<const Vector3d, 5> bearings0, std::span<const Vector3d,
     Matrix3d e = c[0] * basis[0] + c[1] * basis[1] + c[2] * basis[2] + c[3] * basis[3];
     if (!e.allFinite()) continue;
     polish(basis, c, &e);
-    (*essentials)[found++] = std::sqrt(2.0) * e;
+    (*essentials)[found++] = e;
   }
   return found;
+}
+
+// The same null space, its basis turned by a fixed rotation of four dimensions.
+Basis turned(const Basis& basis) {
+  constexpr double a = 0.5, b = 0.1, c = 0.7, d = 0.5;  // a unit quaternion
+  return {a * basis[0] - b * basis[1] - c * basis[2] - d * basis[3],
+          b * basis[0] + a * basis[1] - d * basis[2] + c * basis[3],
+          c * basis[0] + d * basis[1] + a * basis[2] - b * basis[3],
+          d * basis[0] - c * basis[1] + b * basis[2] + a * basis[3]};
+}
+
+// Adds the matrices that are not yet in the list, up to sign; of two that are the same the more exact one
+// stays.
+int merge(const std::array<Matrix3d, 10>& more, int more_count, std::array<Matrix3d, 10>* list, int count) {
+  constexpr double kSame = 1e-6;
+  Matrix3d square;
+  for (int i = 0; i < more_count; ++i) {
+    const auto same = std::find_if(list->begin(), list->begin() + count, [&](const Matrix3d& e) {
+      return std::min((e - more[i]).norm(), (e + more[i]).norm()) < kSame;
+    });
+    if (same == list->begin() + count) {
+      if (count < 10) (*list)[count++] = more[i];
+    } else if (constraint_residual(more[i], &square).norm() < constraint_residual(*same, &square).norm()) {
+      *same = more[i];
+    }
+  }
+  return count;
+}
+
+}  // namespace
+
+int five_point(std::span<const Vector3d, 5> bearings0, std::span<const Vector3d, 5> bearings1,
+               std::array<Matrix3d, 10>* essentials) {
+  Basis basis;
+  if (!null_space(bearings0, bearings1, &basis)) return 0;
+  bool sure;
+  int count = solve_in_basis(basis, essentials, &sure);
+  // One sample in ten is unsure. Other unknowns have another polynomial, whose roots lie apart.
+  constexpr int kMaxTurns = 2;
+  for (int turn = 0; !sure && turn < kMaxTurns; ++turn) {
+    const std::array<Matrix3d, 10> known = *essentials;
+    basis = turned(basis);
+    count = merge(known, count, essentials, solve_in_basis(basis, essentials, &sure));
+  }
+  for (int i = 0; i < count; ++i) (*essentials)[i] *= std::sqrt(2.0);
+  return count;
 }
 
 }  // namespace raysfm

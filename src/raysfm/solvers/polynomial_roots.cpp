@@ -41,8 +41,10 @@ class SturmSequence {
         h[i] = offset * g[i] + (i > 0 ? slope * g[i - 1] : 0.0) - f[i];
         largest = std::max(largest, std::abs(h[i]));
       }
+      if (d > 1 && !(largest > 0)) conditioning_ = 0;
       if (!(largest > 0)) break;  // f_{k+1} divides f_k: it is a constant or holds the multiple roots
       scale_[k] = largest;
+      conditioning_ = std::min(conditioning_, largest / (std::abs(slope) + std::abs(offset)));
       for (int i = 0; i <= d - 2; ++i) h[i] /= largest;
       if (std::abs(h[d - 2]) < 1e-15) h[d - 2] = 1e-15;
       std::copy_n(g.begin(), d, f.begin());
@@ -65,9 +67,13 @@ class SturmSequence {
     return count;
   }
 
+  // Smallest remainder relative to the quotient that left it.
+  double conditioning() const { return conditioning_; }
+
  private:
   Coefficients slope_, offset_, scale_ = {}, last_;
   int length_ = 0, last_degree_ = 0;
+  double conditioning_ = 1;
 };
 
 double evaluate(const Coefficients& p, int degree, double x, double* slope) {
@@ -105,7 +111,8 @@ struct Interval {
 
 }  // namespace
 
-int real_roots(std::span<const double> coefficients, double* roots) {
+int real_roots(std::span<const double> coefficients, double* roots, double* conditioning) {
+  if (conditioning) *conditioning = 0;
   int degree = static_cast<int>(coefficients.size()) - 1;
   assert(degree <= kMaxRootDegree);
   double largest = 0;
@@ -120,6 +127,7 @@ int real_roots(std::span<const double> coefficients, double* roots) {
 
   constexpr double kSmallestInterval = 1e-13;
   const SturmSequence sturm(p, degree);
+  if (conditioning) *conditioning = sturm.conditioning();
   const double end = t_of(kLargestRoot);
   std::array<Interval, 64> stack;  // each bisection adds one, and halves the interval, down to 1e-13
   stack[0] = {-end, end, sturm.changes(-kLargestRoot), sturm.changes(kLargestRoot)};
