@@ -33,7 +33,7 @@ struct BundleProblem {
 };
 
 struct BundleOptions {
-  RobustLoss loss;          // of the residual in pixels
+  RobustLoss loss = {};     // of the residual in pixels
   int max_iterations = 10;  // of each run, at least 1
   double min_relative_decrease = 1e-6;
   double initial_damping = 1e-4;

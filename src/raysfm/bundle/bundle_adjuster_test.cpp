@@ -1,0 +1,361 @@
+#include "raysfm/bundle/bundle_adjuster.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <new>
+
+#include "support/bundle_scene.h"
+#include "support/ceres_bundle.h"
+
+namespace {
+std::atomic<long> allocations{0};
+}  // namespace
+
+[[gnu::noinline]] void* operator new(size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size)) return memory;
+  throw std::bad_alloc();
+}
+[[gnu::noinline]] void* operator new(size_t size, std::align_val_t alignment) {
+  ++allocations;
+  const size_t a = static_cast<size_t>(alignment);
+  if (void* memory = std::aligned_alloc(a, (size + a - 1) / a * a)) return memory;
+  throw std::bad_alloc();
+}
+[[gnu::noinline]] void operator delete(void* memory) noexcept {
+  std::free(memory);
+}
+[[gnu::noinline]] void operator delete(void* memory, size_t) noexcept {
+  std::free(memory);
+}
+[[gnu::noinline]] void operator delete(void* memory, std::align_val_t) noexcept {
+  std::free(memory);
+}
+[[gnu::noinline]] void operator delete(void* memory, size_t, std::align_val_t) noexcept {
+  std::free(memory);
+}
+
+namespace raysfm {
+namespace {
+
+using test::BundleScene;
+using test::make_bundle_scene;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+
+// Half the sum of rho over the inliers that project, from the definition.
+double cost_of(const BundleScene& scene, const RobustLoss& loss = {}) {
+  double cost = 0;
+  for (size_t i = 0; i < scene.observations.size(); ++i) {
+    const BundleObservation& o = scene.observations[i];
+    const Camera& camera = scene.cameras[o.camera];
+    Eigen::Vector2d pixel;
+    if (!scene.is_inlier[i]) continue;
+    const Eigen::Vector3d x_in_rig = scene.poses[o.pose] * scene.points[o.point];
+    if (!camera.project(camera.rig_from_cam.inverse() * x_in_rig, &pixel)) continue;
+    cost += 0.5 * loss.cost((pixel - o.pixel).squaredNorm());
+  }
+  return cost;
+}
+
+std::vector<Camera> distorted_rig() {
+  Camera left, right;
+  left.model = Radtan{500, 510, 320, 240, -0.2, 0.05, 1e-3, -5e-4, 0};
+  right.model = Pinhole{450, 450, 300, 250};
+  right.rig_from_cam = {exp_so3({0.05, 0.2, -0.1}), {0.5, 0.02, -0.1}};
+  left.width = right.width = 640, left.height = right.height = 480;
+  return {left, right};
+}
+
+TEST(BundleAdjuster, ReachesTheOptimumOfCeres) {
+  using Kind = RobustLoss::Kind;
+  struct {
+    test::BundleSceneOptions scene;
+    RobustLoss loss;
+  } cases[] = {{{}, {}},
+               {{}, {Kind::kHuber, 1}},
+               {{}, {Kind::kCauchy, 1}},
+               {{.point_error = 0.005}, {Kind::kTukey, 6}},  // not convex: start in the same basin
+               {{.poses = 8, .free_poses = 8, .points = 200}, {}},
+               {{.poses = 30, .free_poses = 30, .points = 400}, {}}};
+  for (const auto& c : cases) {
+    SCOPED_TRACE(testing::Message() << c.scene.free_poses << " free, loss " << int(c.loss.kind));
+    BundleScene ours = make_bundle_scene(c.scene), theirs = ours;
+    BundleAdjuster adjuster;
+    const BundleSummary summary = adjuster.adjust(
+        ours.problem(), {.loss = c.loss, .max_iterations = 200, .min_relative_decrease = 1e-13});
+    const auto oracle =
+        test::adjust_with_ceres(theirs, {.loss = c.loss, .max_iterations = 200, .function_tolerance = 1e-13});
+    EXPECT_NEAR(summary.initial_cost, oracle.initial_cost, 1e-9 * oracle.initial_cost);
+    EXPECT_NEAR(summary.final_cost, oracle.final_cost, 1e-8 * oracle.final_cost);
+    EXPECT_EQ(summary.termination, Termination::kConverged);
+    EXPECT_EQ(summary.dropped_observations, 0);
+    if (c.scene.free_poses > 3) continue;  // the gauge is free
+    for (size_t i = 0; i < ours.poses.size(); ++i) {
+      EXPECT_LT((ours.poses[i].translation - theirs.poses[i].translation).norm(), 1e-4);
+      EXPECT_LT(ours.poses[i].rotation.angularDistance(theirs.poses[i].rotation), 1e-5);
+    }
+  }
+}
+
+TEST(BundleAdjuster, StopsWhereTheGradientVanishes) {
+  BundleScene scene = make_bundle_scene({.points = 150, .cameras = distorted_rig()});
+  BundleAdjuster adjuster;
+  const RobustLoss loss{RobustLoss::Kind::kHuber, 1};
+  const BundleSummary summary =
+      adjuster.adjust(scene.problem(), {.loss = loss, .max_iterations = 100, .min_relative_decrease = 1e-14});
+  EXPECT_NEAR(summary.final_cost, cost_of(scene, loss), 1e-9 * summary.final_cost);
+  EXPECT_LT(summary.final_cost, 0.1 * summary.initial_cost);
+  const auto slope = [&](auto move) {
+    BundleScene plus = scene, minus = scene;
+    move(plus, 1e-6), move(minus, -1e-6);
+    return (cost_of(plus, loss) - cost_of(minus, loss)) / 2e-6;
+  };
+  for (int i = 7; i < 10; ++i) {
+    for (int k = 0; k < 6; ++k) {
+      const double gradient = slope([&](BundleScene& s, double h) {
+        s.poses[i] = retract(s.poses[i], h * Eigen::Matrix<double, 6, 1>::Unit(k));
+      });
+      EXPECT_NEAR(gradient, 0, 0.05);  // it was 1e5 at the start
+    }
+  }
+  for (int p = 0; p < 150; ++p) {
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_NEAR(slope([&](BundleScene& s, double h) { s.points[p][k] += h; }), 0, 0.05);
+    }
+  }
+}
+
+TEST(BundleAdjuster, ExactPixelsGiveTheTruth) {
+  BundleScene scene = make_bundle_scene({.noise_px = 0, .cameras = distorted_rig()});
+  BundleAdjuster adjuster;
+  const BundleSummary summary =
+      adjuster.adjust(scene.problem(), {.max_iterations = 50, .min_relative_decrease = 1e-12});
+  EXPECT_LT(summary.final_cost, 1e-12);
+  for (size_t i = 0; i < scene.poses.size(); ++i) {
+    EXPECT_LT((scene.poses[i].translation - scene.true_poses[i].translation).norm(), 1e-7);
+  }
+  for (size_t p = 0; p < scene.points.size(); ++p) {
+    EXPECT_LT((scene.points[p] - scene.true_points[p]).norm(), 1e-5);
+  }
+}
+
+TEST(BundleAdjuster, CostNeverRises) {
+  for (uint64_t seed = 1; seed <= 8; ++seed) {
+    // Far from the optimum, so that steps are refused.
+    BundleScene scene = make_bundle_scene(
+        {.poses = 6, .free_poses = 6, .points = 60, .pose_error = 0.3, .point_error = 1.5, .seed = seed});
+    BundleAdjuster adjuster;
+    double last = kInf;
+    for (int i = 0; i < 30; ++i) {
+      const BundleSummary summary = adjuster.adjust(scene.problem(), {.max_iterations = 1});
+      EXPECT_LE(summary.final_cost, summary.initial_cost);
+      // What was dropped before may project again, so compare where nothing was.
+      if (summary.dropped_observations == 0) {
+        EXPECT_LE(summary.initial_cost, last * (1 + 1e-12));
+      }
+      last = summary.dropped_observations == 0 ? summary.final_cost : kInf;
+    }
+  }
+}
+
+TEST(BundleAdjuster, WhatIsFixedStays) {
+  BundleScene scene = make_bundle_scene({});
+  scene.point_is_fixed.assign(scene.points.size(), 0);
+  for (size_t p = 0; p < scene.points.size(); p += 2) scene.point_is_fixed[p] = 1;
+  const BundleScene start = scene;
+  BundleAdjuster adjuster;
+  EXPECT_LT(adjuster.adjust(scene.problem(), {}).final_cost, cost_of(start));
+  for (size_t i = 0; i < 7; ++i) EXPECT_EQ(scene.poses[i].translation, start.poses[i].translation);
+  for (size_t p = 0; p < scene.points.size(); p += 2) EXPECT_EQ(scene.points[p], start.points[p]);
+  EXPECT_NE(scene.points[1], start.points[1]);
+}
+
+TEST(BundleAdjuster, ResectionAndIntersection) {
+  BundleScene resection = make_bundle_scene({.noise_px = 0, .point_error = 0});
+  resection.point_is_fixed.assign(resection.points.size(), 1);
+  BundleAdjuster adjuster;
+  EXPECT_LT(adjuster.adjust(resection.problem(), {.max_iterations = 30}).final_cost, 1e-12);
+  BundleScene intersection = make_bundle_scene({.free_poses = 0, .noise_px = 0});
+  EXPECT_LT(adjuster.adjust(intersection.problem(), {.max_iterations = 30}).final_cost, 1e-12);
+  intersection.point_is_fixed.assign(intersection.points.size(), 1);
+  EXPECT_EQ(adjuster.adjust(intersection.problem(), {}).termination, Termination::kNothingToDo);
+}
+
+TEST(BundleAdjuster, TwoStagesFindTheOutliersAndTakeBackInliers) {
+  BundleScene scene = make_bundle_scene({.point_error = 0.02});
+  Rng rng(5);
+  std::vector<uint8_t> is_outlier(scene.observations.size(), 0);
+  for (size_t i = 0; i < scene.observations.size(); ++i) {
+    if (rng.uniform() < 0.05) {
+      is_outlier[i] = 1;
+      scene.observations[i].pixel += 30 * Eigen::Vector2d(1 + rng.uniform(), 1 + rng.uniform());
+    } else if (rng.uniform() < 0.05) {
+      scene.is_inlier[i] = 0;  // wrongly rejected before
+    }
+  }
+  BundleAdjuster adjuster;
+  const BundleOptions options{.loss = {RobustLoss::Kind::kCauchy, 1}};
+  const BundleSummary summary = adjuster.adjust_two_stage(scene.problem(), options, 4.0);
+  int wrong = 0;
+  for (size_t i = 0; i < is_outlier.size(); ++i) wrong += scene.is_inlier[i] == is_outlier[i];
+  EXPECT_LE(wrong, 5);
+  EXPECT_LT(summary.final_cost, summary.initial_cost);
+  for (size_t i = 7; i < 10; ++i) {
+    EXPECT_LT((scene.poses[i].translation - scene.true_poses[i].translation).norm(), 0.02);
+  }
+}
+
+TEST(BundleAdjuster, DropsAndCountsWhatDoesNotProject) {
+  BundleScene scene = make_bundle_scene({});
+  scene.points[3] = scene.true_poses[0].inverse() * Eigen::Vector3d(0, 0, -100);  // behind every camera
+  int sightings = 0;
+  for (const BundleObservation& o : scene.observations) sightings += o.point == 3;
+  const double start = cost_of(scene);
+  const Eigen::Vector3d point = scene.points[3];
+  BundleAdjuster adjuster;
+  const BundleSummary summary = adjuster.adjust(scene.problem(), {});
+  EXPECT_EQ(summary.dropped_observations, sightings);
+  EXPECT_EQ(summary.used_observations, static_cast<int>(scene.observations.size()) - sightings);
+  EXPECT_NEAR(summary.initial_cost, start, 1e-9 * start);
+  EXPECT_EQ(scene.points[3], point);
+}
+
+// Two almost parallel rays whose best intersection lies behind: the Newton step passes through infinity. The
+// point must stay in view and the others must not notice.
+TEST(BundleAdjuster, APointThatWantsThroughInfinityStays) {
+  BundleScene scene = make_bundle_scene({.noise_px = 0});
+  scene.points.push_back(scene.true_poses[8].inverse() * Eigen::Vector3d(0.1, 0.1, 5));
+  const int p = static_cast<int>(scene.points.size()) - 1;
+  scene.observations.push_back({8, p, 0, {320 + 60, 240 + 60}});
+  scene.observations.push_back({9, p, 0, {320 - 60, 240 - 60}});
+  scene.is_inlier.assign(scene.observations.size(), 1);
+  BundleAdjuster adjuster;
+  const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1}, .max_iterations = 30};
+  const BundleSummary summary = adjuster.adjust(scene.problem(), options);
+  EXPECT_EQ(summary.dropped_observations, 0);
+  EXPECT_NEAR(summary.final_cost, cost_of(scene, options.loss), 1e-9 * summary.final_cost);
+  for (size_t i = 7; i < 10; ++i) {
+    EXPECT_LT((scene.poses[i].translation - scene.true_poses[i].translation).norm(), 0.05);
+  }
+}
+
+TEST(BundleAdjuster, SmallAndEmptyProblems) {
+  BundleAdjuster adjuster;
+  EXPECT_EQ(adjuster.adjust({}, {}).termination, Termination::kNothingToDo);
+  BundleScene scene = make_bundle_scene({});
+  scene.is_inlier.assign(scene.is_inlier.size(), 0);
+  EXPECT_EQ(adjuster.adjust(scene.problem(), {}).termination, Termination::kNothingToDo);
+  // One pose without observations, one point seen once, one never.
+  scene = make_bundle_scene({});
+  const Rigid3 pose = scene.poses[9];
+  std::erase_if(scene.observations, [seen = false](const BundleObservation& o) mutable {
+    if (o.pose == 9 || o.point == 0) return true;
+    return o.point == 1 && std::exchange(seen, true);
+  });
+  scene.is_inlier.assign(scene.observations.size(), 1);
+  const BundleSummary summary = adjuster.adjust(scene.problem(), {});
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_EQ(scene.poses[9].translation, pose.translation);
+  EXPECT_TRUE(scene.points[1].allFinite());
+}
+
+TEST(BundleAdjuster, OrderAndEarlierWindowsDoNotMatter) {
+  BundleScene scene = make_bundle_scene({.cameras = distorted_rig()}), again = scene;
+  BundleAdjuster fresh, used;
+  BundleScene other = make_bundle_scene({.poses = 40, .free_poses = 40, .points = 900, .seed = 9});
+  used.adjust(other.problem(), {});
+  fresh.adjust(scene.problem(), {});
+  used.adjust(again.problem(), {});
+  for (size_t i = 0; i < scene.poses.size(); ++i) {
+    EXPECT_EQ(scene.poses[i].translation, again.poses[i].translation);
+    EXPECT_EQ(scene.poses[i].rotation.coeffs(), again.poses[i].rotation.coeffs());
+  }
+  EXPECT_EQ(scene.points, again.points);
+}
+
+TEST(BundleAdjuster, ContradictionsAreRefused) {
+  BundleAdjuster adjuster;
+  const auto refused = [&](auto spoil) {
+    BundleScene scene = make_bundle_scene({.points = 20});
+    BundleOptions options;
+    spoil(scene, options);
+    return adjuster.adjust(scene.problem(), options).termination == Termination::kInvalidProblem;
+  };
+  using S = BundleScene;
+  using O = BundleOptions;
+  EXPECT_FALSE(refused([](S&, O&) {}));
+  EXPECT_TRUE(refused([](S& s, O&) { s.observations[3].pose = 10; }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.observations[3].pose = -1; }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.observations[3].point = 20; }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.observations[3].camera = 1; }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.cameras.clear(); }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.is_inlier.pop_back(); }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.pose_is_free.pop_back(); }));
+  EXPECT_TRUE(refused([](S& s, O&) { s.point_is_fixed.assign(3, 0); }));
+  EXPECT_TRUE(refused([](S&, O& o) { o.loss = {RobustLoss::Kind::kHuber, 0}; }));
+  EXPECT_TRUE(refused([](S&, O& o) { o.max_iterations = 0; }));
+  EXPECT_TRUE(refused([](S&, O& o) { o.initial_damping = kNan; }));
+}
+
+TEST(BundleAdjuster, HugeAndNanValuesDoNoHarm) {
+  const double values[] = {kNan, kInf, -kInf, 1e308, -1e308, 1e160, 1e-308, 0};
+  BundleAdjuster adjuster;
+  for (double value : values) {
+    SCOPED_TRACE(value);
+    for (int where = 0; where < 5; ++where) {
+      BundleScene scene = make_bundle_scene({.points = 60});
+      switch (where) {
+        case 0:
+          scene.points[7].x() = value;
+          break;
+        case 1:
+          scene.observations[7].pixel.y() = value;
+          break;
+        case 2:
+          scene.poses[8].translation.z() = value;
+          break;
+        case 3:
+          scene.poses[2].rotation.coeffs()[1] = value;
+          break;
+        default:
+          scene.points.assign(scene.points.size(), Eigen::Vector3d::Constant(value));
+      }
+      const BundleSummary summary = adjuster.adjust_two_stage(scene.problem(), {}, 4.0);
+      EXPECT_TRUE(std::isfinite(summary.final_cost));
+      EXPECT_TRUE(scene.poses[9].translation.allFinite());
+      if (where != 0 && where != 4) {
+        EXPECT_TRUE(scene.points[7].allFinite());
+      }
+    }
+  }
+}
+
+TEST(BundleAdjuster, ARepeatedWindowAllocatesNothing) {
+  const BundleScene start = make_bundle_scene({.cameras = distorted_rig()});
+  BundleScene first = start, second = start, global = make_bundle_scene({.poses = 40, .free_poses = 40});
+  BundleAdjuster adjuster;
+  adjuster.adjust_two_stage(first.problem(), {}, 4.0);
+  const long before = allocations;
+  adjuster.adjust_two_stage(second.problem(), {}, 4.0);
+  EXPECT_EQ(allocations - before, 0);
+  // With the sparse factor, ordering allocates; the number of iterations does not matter.
+  const auto count = [&](int iterations) {
+    BundleScene scene = global;
+    const long start = allocations;
+    const BundleSummary summary =
+        adjuster.adjust(scene.problem(), {.max_iterations = iterations, .min_relative_decrease = 0});
+    EXPECT_GE(summary.iterations, iterations == 1 ? 1 : 4);
+    return allocations - start;
+  };
+  count(1);
+  EXPECT_EQ(count(1), count(5));
+}
+
+}  // namespace
+}  // namespace raysfm
