@@ -70,8 +70,9 @@ void sample_shifted(const PixelBlock& block, int wx, int wy, int16_t* HWY_RESTRI
     return hn::Add(hn::Mul(left, hn::PromoteTo(d, hn::LoadU(d8, p))),
                    hn::Mul(right, hn::PromoteTo(d, hn::LoadU(d8, p + 1))));
   };
-  // Vectors reach past the end of a row; what they write there the next row overwrites.
-  for (int c = 0; c < kPatchSide; c += lanes) {
+  // Vectors reach past the end of a row; what they write there is overwritten by the next row, or later by
+  // the columns to the left.
+  for (int c = (kPatchSide - 1) / lanes * lanes; c >= 0; c -= lanes) {
     auto above = blend_row(0, c);
     for (int r = 0; r < kPatchSide; ++r) {
       const auto below = blend_row(r + 1, c);

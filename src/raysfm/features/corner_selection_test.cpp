@@ -1,0 +1,63 @@
+#include "raysfm/features/corner_selection.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "raysfm/core/random.h"
+
+namespace raysfm {
+namespace {
+
+std::vector<Corner> random_corners(int count, int width, int height) {
+  Rng rng(1);
+  std::vector<Corner> corners(count);
+  for (Corner& c : corners) {
+    c.x = static_cast<float>(rng.uniform(0, width));
+    c.y = static_cast<float>(rng.uniform(0, height));
+    c.score = static_cast<float>(rng.uniform(1, 100));
+  }
+  return corners;
+}
+
+TEST(CornerSelection, WithoutSpreadKeepsTheStrongestInTheirOrder) {
+  const auto corners = random_corners(1000, 640, 480);
+  auto sorted = corners;
+  std::nth_element(sorted.begin(), sorted.begin() + 200, sorted.end(),
+                   [](const Corner& a, const Corner& b) { return a.score > b.score; });
+  std::vector<float> expected, kept;
+  for (const Corner& c : corners) {
+    if (c.score > sorted[200].score) expected.push_back(c.score);
+  }
+  auto chosen = corners;
+  CornerSelector().select(640, 480, 200, 0, &chosen);
+  for (const Corner& c : chosen) kept.push_back(c.score);
+  EXPECT_EQ(kept, expected);
+}
+
+TEST(CornerSelection, ASingleFaintCornerInItsCellIsKept) {
+  auto corners = random_corners(1000, 300, 480);
+  corners.push_back({620, 240, 0.5f});
+  CornerSelector().select(640, 480, 200, 0.5f, &corners);
+  EXPECT_EQ(corners.size(), 200u);
+  EXPECT_EQ(corners.back().x, 620);
+}
+
+TEST(CornerSelection, EqualScoresGoToTheEarlier) {
+  std::vector<Corner> corners(50, Corner{10, 10, 3});
+  for (int i = 0; i < 50; ++i) corners[i].x = static_cast<float>(i);
+  CornerSelector().select(100, 100, 20, 0, &corners);
+  ASSERT_EQ(corners.size(), 20u);
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(corners[i].x, i);
+}
+
+TEST(CornerSelection, FewerThanWantedAllStay) {
+  auto corners = random_corners(20, 640, 480);
+  CornerSelector().select(640, 480, 20, 0.5f, &corners);
+  EXPECT_EQ(corners.size(), 20u);
+  CornerSelector().select(640, 480, 0, 0.5f, &corners);
+  EXPECT_TRUE(corners.empty());
+}
+
+}  // namespace
+}  // namespace raysfm
