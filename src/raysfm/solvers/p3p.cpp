@@ -9,10 +9,11 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// The triangle seen by the camera: c[k] and a[k] belong to the side opposite to vertex k.
+// The triangle seen by the camera: c[k] and a[k] belong to the side opposite to vertex k. Side 0 is the
+// longest.
 struct Sides {
   std::array<double, 3> c;  // cosine of the angle between the two bearings
-  std::array<double, 3> a;  // squared length, scaled so that the longest is 1
+  std::array<double, 3> a;  // squared length, scaled so that a[0] = 1
 };
 
 // Symmetric 3x3 matrix: diagonal (xx, yy, zz) and off-diagonal.
@@ -49,7 +50,10 @@ double real_cubic_root(double b, double c, double d) {
     // 3 x + b is half the second derivative at a turning point, -v on the left and +v on the right.
     x = at_left > 0 ? left - std::sqrt(at_left / v) : right + std::sqrt(std::max(0.0, -value(right) / v));
   } else if (turning < 0) {
-    x -= std::cbrt(value(x));
+    // Monotone: beyond the root, on the side of the inflection where Newton's steps do not overshoot.
+    const double at_inflection = value(x);
+    x -= std::copysign(std::min(-3.0 * std::abs(at_inflection) / turning, 1.0 + std::abs(at_inflection)),
+                       at_inflection);
   }
   for (int i = 0; i < 30; ++i) {
     const double f = value(x);
@@ -59,6 +63,13 @@ double real_cubic_root(double b, double c, double d) {
     x -= step;
     if (std::abs(step) <= 1e-14 * std::abs(x)) break;
   }
+  return x;
+}
+
+// The root near zero of a x^3 + b x^2 + c x + d, |d| much smaller than |c|.
+double small_cubic_root(double a, double b, double c, double d) {
+  double x = 0;
+  for (int i = 0; i < 4; ++i) x -= (((a * x + b) * x + c) * x + d) / ((3.0 * a * x + 2.0 * b) * x + c);
   return x;
 }
 
@@ -120,7 +131,7 @@ void polish(const Sides& sides, Vector3d* depths) {
     const double r0 = d[1] * d[1] + d[2] * d[2] - 2.0 * c[0] * d[1] * d[2] - a[0];
     const double r1 = d[0] * d[0] + d[2] * d[2] - 2.0 * c[1] * d[0] * d[2] - a[1];
     const double r2 = d[0] * d[0] + d[1] * d[1] - 2.0 * c[2] * d[0] * d[1] - a[2];
-    if (std::abs(r0) + std::abs(r1) + std::abs(r2) < 1e-15) return;
+    if (std::abs(r0) + std::abs(r1) + std::abs(r2) < 1e-14) return;
     // Half the Jacobian [0 p q; s 0 t; u v 0] (rows r0, r1, r2).
     const double p = d[1] - c[0] * d[2], q = d[2] - c[0] * d[1];
     const double s = d[0] - c[1] * d[2], t = d[2] - c[1] * d[0];
@@ -143,32 +154,25 @@ Eigen::Quaterniond to_quaternion(const Matrix3d& rotation) {
   return q;
 }
 
-// The two conics of the pencil in the depths, from eliminating the longest side (index k) of the triangle,
-// for which a = 1.
-std::array<Conic, 2> pencil(const Sides& sides, int k) {
-  const auto& [c, a] = sides;
-  // Law of side i as a conic in the depths: d_j^2 + d_l^2 - 2 c_i d_j d_l, {j, l} the vertices of the side.
-  const auto law = [&](int i) -> Conic {
-    if (i == 0) return {0, 1, 1, 0, 0, -c[0]};
-    if (i == 1) return {1, 0, 1, 0, -c[1], 0};
-    return {1, 1, 0, -c[2], 0, 0};
-  };
-  const int i = (k + 1) % 3, j = (k + 2) % 3;
-  return {law(i).plus(-a[i], law(k)), law(j).plus(-a[j], law(k))};
-}
-
 // Depths that satisfy the three laws of cosines, all positive; at most four.
-int solve_depths(const Sides& sides, int longest, std::array<Vector3d, 4>* depths) {
-  const auto [d1, d2] = pencil(sides, longest);
+int solve_depths(const Sides& sides, std::array<Vector3d, 4>* depths) {
+  const auto& [c, a] = sides;
+  // Law of side k less a_k times the law of side 0, as a conic in the depths.
+  const Conic d1 = {1, -a[1], 1 - a[1], 0, -c[1], a[1] * c[0]};
+  const Conic d2 = {1, 1 - a[2], -a[2], -c[2], 0, a[2] * c[0]};
   const Conic adjugate1 = d1.adjugate(), adjugate2 = d2.adjugate();
-  const double det1 = adjugate1.dot(d1) / 3.0, det2 = adjugate2.dot(d2) / 3.0;
+  const double det1 = adjugate1.xx - c[1] * adjugate1.xz, det2 = adjugate2.xx - c[2] * adjugate2.xy;
   const double c1 = adjugate1.dot(d2), c2 = adjugate2.dot(d1);
   // det(d1 + s d2) = det1 + c1 s + c2 s^2 + det2 s^3; solved for s or for 1 / s, whichever is bounded.
-  const bool reverse = std::abs(det2) < std::abs(det1);
-  const double lead = reverse ? det1 : det2;
-  if (lead == 0) return 0;
-  const double s = reverse ? real_cubic_root(c1 / lead, c2 / lead, det2 / lead)
-                           : real_cubic_root(c2 / lead, c1 / lead, det1 / lead);
+  bool reverse = std::abs(det2) < std::abs(det1);
+  double s;
+  if (std::max(std::abs(det1), std::abs(det2)) > 1e-6 * (std::abs(c1) + std::abs(c2))) {
+    s = reverse ? real_cubic_root(c1 / det1, c2 / det1, det2 / det1)
+                : real_cubic_root(c2 / det2, c1 / det2, det1 / det2);
+  } else {  // Both conics are nearly degenerate, as for an isosceles triangle seen from its axis.
+    reverse = std::abs(c1) < std::abs(c2);
+    s = reverse ? small_cubic_root(det1, c1, c2, det2) : small_cubic_root(det2, c2, c1, det1);
+  }
   const Conic degenerate = reverse ? d2.plus(s, d1) : d1.plus(s, d2);
   std::array<Vector3d, 2> lines, points;
   if (!split_lines(degenerate, &lines)) return 0;
@@ -182,9 +186,9 @@ int solve_depths(const Sides& sides, int longest, std::array<Vector3d, 4>* depth
       if (d.sum() < 0) d = -d;
       if (!(d.minCoeff() > 0)) continue;
       // One scale for the three sides together.
-      const double perimeter2 = 2.0 * (d.squaredNorm() - sides.c[0] * d[1] * d[2] - sides.c[1] * d[0] * d[2] -
-                                       sides.c[2] * d[0] * d[1]);
-      d *= std::sqrt((sides.a[0] + sides.a[1] + sides.a[2]) / perimeter2);
+      const double perimeter2 =
+          2.0 * (d.squaredNorm() - c[0] * d[1] * d[2] - c[1] * d[0] * d[2] - c[2] * d[0] * d[1]);
+      d *= std::sqrt((1 + a[1] + a[2]) / perimeter2);
       polish(sides, &d);
       if (d.allFinite() && d.minCoeff() > 0) (*depths)[count++] = d;
     }
@@ -198,37 +202,42 @@ int p3p(std::span<const Vector3d, 3> bearings, std::span<const Vector3d, 3> poin
         std::array<Rigid3, 4>* cam_from_world) {
   constexpr double kMinSine2 = 1e-20;       // of the triangle's angles, squared: collinear points
   constexpr double kMaxCosine = 1 - 1e-13;  // of the angle between bearings: coinciding ones
-  const Vector3d edge1 = points_in_world[1] - points_in_world[0];
-  const Vector3d edge2 = points_in_world[2] - points_in_world[0];
+  const std::array<double, 3> lengths2 = {(points_in_world[2] - points_in_world[1]).squaredNorm(),
+                                          (points_in_world[2] - points_in_world[0]).squaredNorm(),
+                                          (points_in_world[1] - points_in_world[0]).squaredNorm()};
+  int first = lengths2[1] > lengths2[0] ? 1 : 0;
+  if (lengths2[2] > lengths2[first]) first = 2;
+  const int second = first == 2 ? 0 : first + 1, third = first == 0 ? 2 : first - 1;
+  const Vector3d &b0 = bearings[first], &b1 = bearings[second], &b2 = bearings[third];
+  const double scale2 = lengths2[first];
+  const Sides sides = {{b1.dot(b2), b0.dot(b2), b0.dot(b1)},
+                       {1, lengths2[second] / scale2, lengths2[third] / scale2}};
+  const Vector3d edge1 = points_in_world[second] - points_in_world[first];
+  const Vector3d edge2 = points_in_world[third] - points_in_world[first];
   const Vector3d normal = edge1.cross(edge2);
   const double normal2 = normal.squaredNorm();
-  Sides sides;
-  sides.a = {(edge2 - edge1).squaredNorm(), edge2.squaredNorm(), edge1.squaredNorm()};
-  const int longest = static_cast<int>(std::max_element(sides.a.begin(), sides.a.end()) - sides.a.begin());
-  const double scale2 = sides.a[longest];
   if (!(normal2 > kMinSine2 * scale2 * scale2)) return 0;
-  for (double& a : sides.a) a /= scale2;
-  sides.c = {bearings[1].dot(bearings[2]), bearings[0].dot(bearings[2]), bearings[0].dot(bearings[1])};
-  if (!(std::max({sides.c[0], sides.c[1], sides.c[2]}) < kMaxCosine)) return 0;
+  if (!(sides.c[0] < kMaxCosine && sides.c[1] < kMaxCosine && sides.c[2] < kMaxCosine)) return 0;
 
   std::array<Vector3d, 4> depths;
-  const int count = solve_depths(sides, longest, &depths);
+  const int count = solve_depths(sides, &depths);
   if (count == 0) return 0;
 
   Matrix3d world;  // inverse of (edge1, edge2, normal)
-  world.row(0) = edge2.cross(normal) / normal2;
-  world.row(1) = normal.cross(edge1) / normal2;
-  world.row(2) = normal / normal2;
+  const Vector3d unit2 = normal / normal2;
+  world.row(0) = edge2.cross(unit2);
+  world.row(1) = unit2.cross(edge1);
+  world.row(2) = unit2;
   const double scale = std::sqrt(scale2);
   for (int i = 0; i < count; ++i) {
     const Vector3d d = scale * depths[i];
-    const Vector3d first = d[0] * bearings[0];
+    const Vector3d origin = d[0] * b0;
     Matrix3d cam;
-    cam.col(0) = d[1] * bearings[1] - first;
-    cam.col(1) = d[2] * bearings[2] - first;
+    cam.col(0) = d[1] * b1 - origin;
+    cam.col(1) = d[2] * b2 - origin;
     cam.col(2) = cam.col(0).cross(cam.col(1));
     const Matrix3d rotation = cam * world;
-    (*cam_from_world)[i] = {to_quaternion(rotation), first - rotation * points_in_world[0]};
+    (*cam_from_world)[i] = {to_quaternion(rotation), origin - rotation * points_in_world[first]};
   }
   return count;
 }
