@@ -51,7 +51,7 @@ Result<void> for_each_line(const fs::path& path, std::string_view text, Parse pa
   for (const TextLine& text_line : content_lines(text)) {
     const Result<NumberLine> line = parse_line(path, text_line);
     if (!line) return line.error();
-    if (const Result<void> parsed = parse(*line); !parsed) return parsed;
+    if (Result<void> parsed = parse(*line); !parsed) return parsed;
   }
   return {};
 }
