@@ -69,89 +69,87 @@ void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, con
   }
 }
 
-void Localiser::collect_aligned(const Map& map, const LocalMap& local, std::span<const GuidedMatch> corners) {
+// The places of queries near a corner that the first pass matched keep that corner.
+void Localiser::keep_corners(std::span<const int> corner_of_track) {
+  corner_of_query_.assign(queries_.size(), -1);
+  starts_.clear();
+  for (size_t i = 0; i < queries_.size(); ++i) {
+    const int corner = corner_of_track[queries_[i].track];
+    const bool near =
+        corner >= 0 && (corners_[corner].pixel - queries_[i].predicted).norm() < kMaxCornerOffset;
+    if (near) corner_of_query_[i] = corner;
+    starts_.push_back(queries_[i].predicted);
+  }
+}
+
+void Localiser::collect_aligned(const Map& map) {
   candidates_.clear();
   points_.clear();
   pixels_.clear();
-  (void)local;
   for (size_t i = 0; i < queries_.size(); ++i) {
     const PatchAlignment& a = alignments_[i];
-    if (!a.converged) continue;
     const int corner = corner_of_query_[i];
-    if (corner < 0 && a.zncc < kMinZnccAligned) continue;
-    candidates_.push_back(
-        {queries_[i].track, queries_[i].keyframe, corner < 0 ? -1 : corners[corner].feature, a.pixel});
+    if (!a.converged || (corner < 0 && a.zncc < kMinZnccAligned)) continue;
+    const int feature = corner < 0 ? -1 : corners_[corner].feature;
+    candidates_.push_back({queries_[i].track, queries_[i].keyframe, feature, a.pixel});
     points_.push_back(map.tracks[queries_[i].track].position);
     pixels_.push_back(a.pixel.cast<double>());
   }
 }
 
+bool Localiser::pose_from_corners(const Map& map, const Rigid3& predicted, PoseOptions options) {
+  points_.clear();
+  pixels_.clear();
+  for (const GuidedMatch& m : corners_) {
+    points_.push_back(map.tracks[queries_[m.query].track].position);
+    pixels_.push_back(m.pixel.cast<double>());
+  }
+  ScopedTimer timer(pose_timing);
+  options.max_error_px = kCornerError;
+  estimator_.estimate(rig_, {points_, pixels_, {}}, &predicted, options, &estimate_);
+  return estimate_.ok();
+}
+
+void Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                      const View& view) {
+  ScopedTimer timer(align_timing);
+  corner_of_track_.assign(map.tracks.size(), -1);
+  for (size_t i = 0; i < corners_.size(); ++i) {
+    corner_of_track_[queries_[corners_[i].query].track] = static_cast<int>(i);
+  }
+  predict(map, views, local, estimate_.rig_from_world, kMaxCornerOffset);
+  keep_corners(corner_of_track_);
+  matcher_.align(views, queries_, starts_, view, {}, &alignments_);
+  collect_aligned(map);
+}
+
 Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                                  const View& view, const Rigid3& predicted_rig_from_world, float radius) {
-  Localisation out;
-  const PoseObservations observations_of = {};
-  (void)observations_of;
-
+  PoseOptions options{
+      .min_inliers = kMinInliers, .seed = options_.seed, .stream = static_cast<uint64_t>(view.frame)};
   {
     ScopedTimer timer(match_timing);
     predict(map, views, local, predicted_rig_from_world, radius);
     matcher_.match(views, queries_, view, kMinZncc, &corners_);
-    points_.clear();
-    pixels_.clear();
-    for (const GuidedMatch& m : corners_) {
-      points_.push_back(map.tracks[queries_[m.query].track].position);
-      pixels_.push_back(m.pixel.cast<double>());
-    }
   }
-  PoseOptions pose_options{.max_error_px = kCornerError,
-                           .min_inliers = kMinInliers,
-                           .seed = options_.seed,
-                           .stream = static_cast<uint64_t>(view.frame)};
-  {
-    ScopedTimer timer(pose_timing);
-    estimator_.estimate(rig_, {points_, pixels_, {}}, &predicted_rig_from_world, pose_options, &estimate_);
-  }
-  if (!estimate_.ok()) {
+  Localisation out;
+  out.visible = static_cast<int>(queries_.size());
+  if (!pose_from_corners(map, predicted_rig_from_world, options)) {
     out.reason = fmt::format("{} of {} visible points matched, {} agree on a pose", corners_.size(),
-                             queries_.size(), estimate_.inlier_count);
+                             out.visible, estimate_.inlier_count);
     return out;
   }
-
-  {
-    ScopedTimer timer(align_timing);
-    // Corners found in the first pass keep their match where the pose confirms it.
-    std::vector<int> corner_of_track_query(queries_.size(), -1);
-    std::vector<int> track_of_corner;
-    std::vector<std::pair<int, int>> found;  // (track, corner index)
-    found.reserve(corners_.size());
-    for (size_t i = 0; i < corners_.size(); ++i) {
-      found.push_back({queries_[corners_[i].query].track, static_cast<int>(i)});
-    }
-    std::sort(found.begin(), found.end());
-    predict(map, views, local, estimate_.rig_from_world, kMaxCornerOffset);
-    corner_of_query_.assign(queries_.size(), -1);
-    starts_.clear();
-    for (size_t i = 0; i < queries_.size(); ++i) {
-      const auto it = std::lower_bound(found.begin(), found.end(), std::pair(queries_[i].track, -1));
-      if (it != found.end() && it->first == queries_[i].track) {
-        const Eigen::Vector2f corner = corners_[it->second].pixel;
-        if ((corner - queries_[i].predicted).norm() < kMaxCornerOffset) corner_of_query_[i] = it->second;
-      }
-      starts_.push_back(queries_[i].predicted);
-    }
-    matcher_.align(views, queries_, starts_, view, {}, &alignments_);
-    collect_aligned(map, local, corners_);
-  }
+  align(map, views, local, view);
+  out.visible = static_cast<int>(queries_.size());
   {
     ScopedTimer timer(pose_timing);
     const Rigid3 prior = estimate_.rig_from_world;
-    pose_options.max_error_px = kAlignedError;
-    estimator_.estimate(rig_, {points_, pixels_, {}}, &prior, pose_options, &estimate_);
+    options.max_error_px = kAlignedError;
+    estimator_.estimate(rig_, {points_, pixels_, {}}, &prior, options, &estimate_);
   }
-  out.visible = static_cast<int>(queries_.size());
   if (!estimate_.ok()) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
-                             queries_.size(), estimate_.inlier_count);
+                             out.visible, estimate_.inlier_count);
     return out;
   }
   out.ok = true;
@@ -164,6 +162,25 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     out.matched_with_anchor += candidates_[i].keyframe == local.anchor;
   }
   return out;
+}
+
+bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigid3* rig_from_world,
+                       Matrix6d* covariance) {
+  points_.clear();
+  pixels_.clear();
+  for (const TrackPixel& m : matches) {
+    if (!map.tracks[m.track].triangulated) continue;
+    points_.push_back(map.tracks[m.track].position);
+    pixels_.push_back(m.pixel.cast<double>());
+  }
+  estimate_.rig_from_world = *rig_from_world;
+  estimate_.inlier.assign(points_.size(), 1);
+  estimator_.refine(rig_, {points_, pixels_, {}}, {.max_error_px = kAlignedError, .min_inliers = kMinInliers},
+                    &estimate_);
+  if (!estimate_.ok()) return false;
+  *rig_from_world = estimate_.rig_from_world;
+  *covariance = estimate_.covariance;
+  return true;
 }
 
 }  // namespace raysfm

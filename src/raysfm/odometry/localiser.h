@@ -36,6 +36,12 @@ struct PointMatch {
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
+// The same once only the estimate matters.
+struct TrackPixel {
+  int track = 0;
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+};
+
 // Pose of a frame against the map, or why there is none.
 struct Localisation {
   bool ok = false;
@@ -59,12 +65,20 @@ class Localiser {
   Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const View& view, const Rigid3& predicted_rig_from_world, float radius);
 
+  // The pose again, from the same matches and the present positions of the points. False, changing nothing,
+  // where they no longer determine it.
+  bool refine(const Map& map, std::span<const TrackPixel> matches, Rigid3* rig_from_world,
+              Matrix6d* covariance);
+
   StageTiming match_timing, pose_timing, align_timing;
 
  private:
   void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                const Rigid3& rig_from_world, float radius);
-  void collect_aligned(const Map& map, const LocalMap& local, std::span<const GuidedMatch> corners);
+  bool pose_from_corners(const Map& map, const Rigid3& predicted, PoseOptions options);
+  void align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
+  void keep_corners(std::span<const int> corner_of_track);
+  void collect_aligned(const Map& map);
 
   const Rig& rig_;
   const OdometryOptions& options_;
@@ -73,7 +87,7 @@ class Localiser {
   PoseEstimate estimate_;
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> corners_;
-  std::vector<int> corner_of_query_;
+  std::vector<int> corner_of_query_, corner_of_track_;
   std::vector<Eigen::Vector2f> starts_;
   std::vector<PatchAlignment> alignments_;
   std::vector<Eigen::Vector3d> points_;

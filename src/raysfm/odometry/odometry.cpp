@@ -51,7 +51,9 @@ void Odometry::tell(Event::Level level, std::string message) const {
 void Odometry::process(ViewPtr view) {
   ScopedTimer timer(frame_timing_);
   detect_timing_.add(view->detect_ms);
-  frames_.push_back({view->timestamp, view->name, "", -1, -1, {}, Matrix6d::Zero()});
+  frames_.emplace_back();
+  frames_.back().timestamp = view->timestamp;
+  frames_.back().name = view->name;
   if (tracking()) {
     track(view);
   } else if (segments_.empty() || !relocalise(view)) {
@@ -219,6 +221,7 @@ void Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
   record(*view, at_keyframe, keyframe);
   forget_old_views();
+  if (keyframe >= options_.global_until) settle_frames_of(keyframe - options_.window);
   local_ = make_local_map(segment().map, keyframe, kReach);
   anchor_points_ =
       static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
@@ -238,6 +241,32 @@ void Odometry::record(const View& view, const Localisation& pose, int keyframe) 
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
   frame.covariance = pose.covariance;
   frame.reason.clear();
+  frame.matches.clear();
+  for (const PointMatch& m : pose.matches) frame.matches.push_back({m.track, m.pixel});
+}
+
+// The pose again, now that later key frames have improved the points. A key frame keeps the pose that the
+// adjustment gave it; its covariance is renewed.
+void Odometry::settle(int segment, FrameRecord* frame) {
+  if (frame->matches.empty()) return;
+  const Map& map = segments_[segment].map;
+  const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
+  Rigid3 pose = frame->rig_from_keyframe * keyframe.rig_from_world;
+  const bool is_keyframe = &frames_[keyframe.frame] == frame;
+  if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
+    frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
+  }
+  frame->matches = {};
+}
+
+void Odometry::settle_frames_of(int keyframe) {
+  if (keyframe < 0) return;
+  const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
+  const int end =
+      keyframe + 1 < static_cast<int>(keyframes.size()) ? keyframes[keyframe + 1].frame : frames();
+  for (int f = keyframes[keyframe].frame; f < end; ++f) {
+    if (frames_[f].segment + 1 == static_cast<int>(segments_.size())) settle(frames_[f].segment, &frames_[f]);
+  }
 }
 
 void Odometry::accept(const ViewPtr& view, Localisation pose) {
@@ -292,6 +321,9 @@ Reconstruction Odometry::finish(bool final_global) {
   }
   if (final_global) {
     for (SegmentState& s : segments_) mapper_.adjust_globally(&s.map);
+  }
+  for (FrameRecord& frame : frames_) {
+    if (frame.segment >= 0) settle(frame.segment, &frame);
   }
   return assemble();
 }

@@ -49,6 +49,7 @@ class Odometry {
     int keyframe = -1;
     Rigid3 rig_from_keyframe;
     Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
+    std::vector<TrackPixel> matches;         // until the pose is settled
   };
   struct SegmentState {
     Map map;
@@ -76,6 +77,8 @@ class Odometry {
   void promote(const ViewPtr& view, const Localisation& pose);
   void accept(const ViewPtr& view, Localisation pose);
   void record(const View& view, const Localisation& pose, int keyframe);
+  void settle(int segment, FrameRecord* frame);
+  void settle_frames_of(int keyframe);
   void lose(const ViewPtr& view, const std::string& reason);
   void forget_old_views();
   double mean_keyframe_distance() const;

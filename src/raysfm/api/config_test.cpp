@@ -1,0 +1,76 @@
+#include "raysfm/api/config.h"
+
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+namespace raysfm {
+namespace {
+
+class ConfigTest : public testing::Test {
+ protected:
+  std::filesystem::path write(const std::string& text) {
+    std::ofstream(path_) << text;
+    return path_;
+  }
+  ~ConfigTest() override { std::filesystem::remove(path_); }
+
+  std::filesystem::path path_ = std::filesystem::temp_directory_path() /
+                                ("raysfm_config_" + std::to_string(::getpid()) + ".yaml");
+  TrackSettings settings_;
+};
+
+TEST_F(ConfigTest, EffectiveConfigurationReadsBackToTheSameSettings) {
+  settings_.inputs = {"my \"odd\" video.mp4"};
+  settings_.camera = "a: b.yaml";
+  settings_.fps = 7.5;
+  settings_.mono = true;
+  settings_.odometry.seed = 18446744073709551615ULL;
+  settings_.odometry.window = 12;
+  settings_.final = "global";
+  const std::string text = effective_config(settings_, "1.2.3");
+
+  TrackSettings read;
+  read.inputs = settings_.inputs;
+  ASSERT_TRUE(read_config(write(text), setting_fields(read), {}).ok());
+  EXPECT_EQ(effective_config(read, "1.2.3"), text);
+  EXPECT_EQ(read.camera, "a: b.yaml");
+  EXPECT_EQ(read.fps, 7.5);
+  EXPECT_TRUE(read.mono);
+  EXPECT_EQ(read.odometry.window, 12);
+}
+
+TEST_F(ConfigTest, FlagsWinOverTheFile) {
+  settings_.odometry.window = 7;
+  ASSERT_TRUE(read_config(write("window: 12\nfeatures: 900\n"), setting_fields(settings_), {"window"}).ok());
+  EXPECT_EQ(settings_.odometry.window, 7);
+  EXPECT_EQ(settings_.odometry.features, 900);
+}
+
+TEST_F(ConfigTest, BadFilesNameFileKeyAndWhatIsAllowed) {
+  const auto message = [&](const std::string& text) {
+    const auto result = read_config(write(text), setting_fields(settings_), {});
+    EXPECT_FALSE(result.ok()) << text;
+    if (result.ok()) return std::string();
+    EXPECT_EQ(result.error().kind, ErrorKind::kBadInput);
+    EXPECT_NE(result.error().message.find(path_.string()), std::string::npos);
+    return result.error().message;
+  };
+  EXPECT_NE(message("windw: 3\n").find("'windw' is no setting"), std::string::npos);
+  EXPECT_NE(message("window: many\n").find("whole number"), std::string::npos);
+  EXPECT_NE(message("window: [1, 2]\n").find("whole number"), std::string::npos);
+  EXPECT_NE(message("final: perhaps\n").find("none, global"), std::string::npos);
+  message("- a\n- b\n");
+  message("window: [1, 2\n");
+  message(std::string(2 << 20, ' '));
+}
+
+TEST_F(ConfigTest, AMissingFileIsBadInput) {
+  EXPECT_FALSE(read_config("no/such/file.yaml", setting_fields(settings_), {}).ok());
+}
+
+}  // namespace
+}  // namespace raysfm
