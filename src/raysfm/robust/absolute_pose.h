@@ -9,20 +9,12 @@
 #include "raysfm/camera/camera.h"
 #include "raysfm/geometry/pose.h"
 #include "raysfm/optim/robust_loss.h"
+#include "raysfm/robust/pose_refinement.h"
 
 namespace raysfm {
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-
 // Squared radius of the 90 % confidence ellipsoid of a position: x^T C^-1 x <= 6.25 (LBA09 2.3).
 inline constexpr double kEllipsoid90 = 6.25;
-
-// Known points and where a rig saw them: flat arrays of one length.
-struct PoseObservations {
-  std::span<const Eigen::Vector3d> points_in_world;
-  std::span<const Eigen::Vector2d> pixels;
-  std::span<const int> cameras;  // index into Rig::cameras; empty: all in camera 0
-};
 
 struct PoseOptions {
   double max_error_px = 3.0;  // > 0: reprojection error of an inlier
@@ -51,8 +43,10 @@ struct PoseEstimate {
   int inlier_count = 0;
   // Of the tangent of rig_from_world, see retract(); points held fixed: sigma_px^2 (J^T J)^-1.
   Matrix6d covariance = Matrix6d::Zero();
-  double sigma_px = 0;  // standard deviation of one coordinate of the inliers' residuals, robust
-  int iterations = 0;   // samples drawn; 0: the prior was taken
+  // Standard deviation of one coordinate of the inliers' residuals; with a robust loss the one that makes the
+  // formula above hold for the M-estimate (Huber 1981, 7.6).
+  double sigma_px = 0;
+  int iterations = 0;  // samples drawn; 0: the prior was taken
 
   bool ok() const { return problem == PoseProblem::kNone; }
 };

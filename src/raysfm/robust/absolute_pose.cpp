@@ -1,0 +1,287 @@
+#include "raysfm/robust/absolute_pose.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "raysfm/robust/ransac.h"
+#include "raysfm/solvers/p3p.h"
+
+namespace raysfm {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+namespace {
+
+// Observations that have a ray, grouped by camera, as the loops of RANSAC want them.
+struct RayTable {
+  struct Group {
+    int begin, end, camera;
+  };
+  std::vector<Group> groups;      // without the cameras that see nothing
+  std::vector<int> observations;  // index into the input
+  std::vector<Vector3d> points, bearings;
+  std::vector<double> weights;  // (pixels per radian / error of an inlier)^2 at the pixel
+
+  int size() const { return static_cast<int>(points.size()); }
+  void clear() { groups.clear(), observations.clear(), points.clear(), bearings.clear(), weights.clear(); }
+};
+
+// Mean square over the directions of d pixel / d angle at a bearing; the whole camera's where the
+// model cannot project.
+double squared_pixels_per_radian(const Camera& camera, const Vector3d& bearing, double fallback) {
+  Vector2d pixel;
+  Eigen::Matrix<double, 2, 3> jacobian;
+  if (!camera.project(bearing, &pixel, &jacobian)) return fallback;
+  return 0.5 * jacobian.squaredNorm();
+}
+
+void fill(const Rig& rig, const PoseObservations& observations, double max_error_px, RayTable* table) {
+  table->clear();
+  for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
+    const Camera& camera = rig.cameras[c];
+    const double scale = camera.pixels_per_radian();
+    const int begin = table->size();
+    for (int i = 0; i < observations.size(); ++i) {
+      Ray ray;
+      if (observations.camera(i) != c || !camera.ray(observations.pixels[i], &ray)) continue;
+      if (!observations.points_in_world[i].allFinite()) continue;
+      const double squared = squared_pixels_per_radian(camera, ray.direction, scale * scale);
+      table->observations.push_back(i);
+      table->points.push_back(observations.points_in_world[i]);
+      table->bearings.push_back(ray.direction);
+      table->weights.push_back(squared / (max_error_px * max_error_px));
+    }
+    if (table->size() > begin) table->groups.push_back({begin, table->size(), c});
+  }
+}
+
+// Poses from three points seen by one camera, scored over the whole rig by the angle weighted to pixels.
+class PoseRansac {
+ public:
+  using Model = Rigid3;  // rig_from_world
+  static constexpr int kSampleSize = 3;
+  static constexpr int kMaxModels = 4;
+
+  PoseRansac(const Rig& rig, const RayTable& table, const PoseResiduals& residuals, std::vector<int>* scratch)
+      : rig_(rig), table_(table), residuals_(residuals), scratch_(scratch) {}
+
+  int size() const { return table_.size(); }
+
+  bool sample(Rng& rng, std::array<int, 3>* sample) const {
+    const int first = static_cast<int>(rng.index(static_cast<uint32_t>(size())));
+    const RayTable::Group& group = group_of(first);
+    if (group.end - group.begin < 3) return false;
+    draw_sample(rng, group.end - group.begin, sample);
+    for (int& i : *sample) i += group.begin;
+    return true;
+  }
+
+  int generate(const std::array<int, 3>& sample, std::array<Rigid3, 4>* rig_from_world) const {
+    std::array<Vector3d, 3> bearings, points;
+    for (int i = 0; i < 3; ++i)
+      bearings[i] = table_.bearings[sample[i]], points[i] = table_.points[sample[i]];
+    const int count = p3p(bearings, points, rig_from_world);
+    const Rigid3& rig_from_cam = rig_.cameras[group_of(sample[0]).camera].rig_from_cam;
+    for (int i = 0; i < count; ++i) (*rig_from_world)[i] = rig_from_cam * (*rig_from_world)[i];
+    return count;
+  }
+
+  RansacScore score(const Rigid3& rig_from_world, double limit) const {
+    constexpr int kBlock = 64;
+    RansacScore score{.cost = 0, .inliers = 0};
+    for (const RayTable::Group& group : table_.groups) {
+      const Rigid3 cam_from_world = rig_.cameras[group.camera].rig_from_cam.inverse() * rig_from_world;
+      const Matrix3d r = cam_from_world.rotation.toRotationMatrix();
+      for (int begin = group.begin; begin < group.end; begin += kBlock) {
+        for (int i = begin; i < std::min(begin + kBlock, group.end); ++i) {
+          const double e = error(r, cam_from_world.translation, i);
+          score.inliers += e < 1;
+          score.cost += std::min(e, 1.0);
+        }
+        if (score.cost > limit) return {};
+      }
+    }
+    return score;
+  }
+
+  // A few iterations on at most kMaxPoints of the inliers, evenly spread.
+  void refine(Rigid3* rig_from_world) const {
+    constexpr int kMaxPoints = 150, kIterations = 4;
+    collect_inliers(*rig_from_world, scratch_);
+    const size_t stride = (scratch_->size() + kMaxPoints - 1) / kMaxPoints;
+    if (stride > 1) {
+      size_t kept = 0;
+      for (size_t i = 0; i < scratch_->size(); i += stride) (*scratch_)[kept++] = (*scratch_)[i];
+      scratch_->resize(kept);
+    }
+    if (scratch_->size() >= 4) minimise_pose(residuals_, *scratch_, {}, kIterations, rig_from_world);
+  }
+
+ private:
+  const RayTable::Group& group_of(int i) const {
+    return *std::find_if(table_.groups.begin(), table_.groups.end(),
+                         [&](const RayTable::Group& g) { return i < g.end; });
+  }
+
+  // Squared tangent of the angle between bearing and point, 1 at the limit of an inlier; 1 behind.
+  double error(const Matrix3d& r, const Vector3d& t, int i) const {
+    const Vector3d x = r * table_.points[i] + t;
+    const double along = table_.bearings[i].dot(x);
+    const double across2 = x.squaredNorm() - along * along;
+    return along > 0 ? table_.weights[i] * across2 / (along * along) : 1.0;
+  }
+
+  void collect_inliers(const Rigid3& rig_from_world, std::vector<int>* inliers) const {
+    inliers->clear();
+    for (const RayTable::Group& group : table_.groups) {
+      const Rigid3 cam_from_world = rig_.cameras[group.camera].rig_from_cam.inverse() * rig_from_world;
+      const Matrix3d r = cam_from_world.rotation.toRotationMatrix();
+      for (int i = group.begin; i < group.end; ++i) {
+        if (error(r, cam_from_world.translation, i) < 1) inliers->push_back(table_.observations[i]);
+      }
+    }
+  }
+
+  const Rig& rig_;
+  const RayTable& table_;
+  const PoseResiduals& residuals_;
+  std::vector<int>* scratch_;
+};
+
+// Marks the observations within max_error_px; true when a mark changed.
+bool mark_inliers(const PoseResiduals& residuals, double max_error_px, PoseEstimate* result) {
+  bool changed = false;
+  result->inlier_count = 0;
+  for (int i = 0; i < residuals.size(); ++i) {
+    Vector2d r;
+    const bool inlier = residuals.evaluate(result->rig_from_world, i, &r, nullptr) &&
+                        r.squaredNorm() <= max_error_px * max_error_px;
+    changed |= inlier != (result->inlier[i] != 0);
+    result->inlier[i] = inlier;
+    result->inlier_count += inlier;
+  }
+  return changed;
+}
+
+// Scale of the residuals for which scale^2 (J^T J)^-1 is the covariance of the M-estimate: the mean square of
+// psi over the square of the mean of its derivative, psi(r) = weight(|r|^2) r.
+double effective_sigma(const PoseResiduals& residuals, std::span<const int> active, const RobustLoss& loss,
+                       const Rigid3& rig_from_world) {
+  constexpr double kStep = 1e-4;  // relative, for the derivative of the weight
+  double psi2 = 0, slope = 0;
+  for (const int i : active) {
+    Vector2d r;
+    if (!residuals.evaluate(rig_from_world, i, &r, nullptr)) continue;
+    const double s = r.squaredNorm(), weight = loss.weight(s);
+    psi2 += weight * weight * s;
+    // Half the trace of d psi / d r.
+    slope += weight + (loss.weight(s * (1 + kStep)) - loss.weight(s * (1 - kStep))) / (2 * kStep);
+  }
+  const double n = static_cast<double>(active.size());
+  return std::sqrt(psi2 / (2 * n - 6)) / (slope / n);
+}
+
+// Inverse of J^T J, scaled to a unit diagonal first because metres and radians differ. False when singular.
+bool invert(const Matrix6d& hessian, Matrix6d* inverse) {
+  constexpr double kMinPivot = 1e-10;
+  if (!(hessian.diagonal().minCoeff() > 0)) return false;
+  const Vector6d scale = hessian.diagonal().cwiseSqrt().cwiseInverse();
+  const Eigen::LDLT<Matrix6d> factor(Matrix6d(scale.asDiagonal() * hessian * scale.asDiagonal()));
+  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > kMinPivot)) return false;
+  *inverse = scale.asDiagonal() * factor.solve(Matrix6d::Identity()) * scale.asDiagonal();
+  *inverse = 0.5 * (*inverse + inverse->transpose()).eval();
+  return inverse->allFinite();
+}
+
+}  // namespace
+
+Matrix6d covariance_in_world(const Rigid3& rig_from_world, const Matrix6d& covariance) {
+  // c = -R^T t and R^T: the tangents (v, w) of rig_from_world become -(R^T v, R^T w).
+  const Matrix3d r = rig_from_world.rotation.toRotationMatrix();
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = r.transpose();
+  return turn * covariance * turn.transpose();
+}
+
+struct PoseEstimator::Workspace {
+  RayTable rays;
+  std::vector<int> active;
+};
+
+PoseEstimator::PoseEstimator() : workspace_(std::make_unique<Workspace>()) {}
+PoseEstimator::~PoseEstimator() = default;
+PoseEstimator::PoseEstimator(PoseEstimator&&) noexcept = default;
+PoseEstimator& PoseEstimator::operator=(PoseEstimator&&) noexcept = default;
+
+void PoseEstimator::estimate(const Rig& rig, const PoseObservations& observations, const Rigid3* prior,
+                             const PoseOptions& options, PoseEstimate* result) {
+  const int count = observations.size();
+  result->problem = PoseProblem::kTooFewObservations;
+  result->inlier.assign(count, 0);
+  result->inlier_count = 0;
+  result->iterations = 0;
+  result->sigma_px = 0;
+  result->covariance.setZero();
+  result->rig_from_world = prior ? *prior : Rigid3{};
+  if (count < std::max(4, options.min_inliers)) return;
+
+  const PoseResiduals residuals(rig, observations);
+  if (prior) mark_inliers(residuals, options.max_error_px, result);
+  const bool prior_is_good = prior && result->inlier_count >= options.min_inliers &&
+                             result->inlier_count >= options.prior_inlier_ratio * count;
+  if (!prior_is_good) {
+    RayTable& rays = workspace_->rays;
+    fill(rig, observations, options.max_error_px, &rays);
+    if (rays.size() < std::max(4, options.min_inliers)) return;
+    PoseRansac problem(rig, rays, residuals, &workspace_->active);
+    const RansacScore start =
+        prior ? problem.score(*prior, std::numeric_limits<double>::infinity()) : RansacScore{};
+    const RansacReport report = ransac(problem,
+                                       {.max_iterations = options.max_iterations,
+                                        .confidence = options.confidence,
+                                        .seed = options.seed,
+                                        .stream = options.stream},
+                                       &result->rig_from_world, start);
+    result->iterations = report.iterations;
+    result->problem = PoseProblem::kTooFewInliers;
+    if (!report.found()) return;
+    mark_inliers(residuals, options.max_error_px, result);
+  }
+  refine(rig, observations, options, result);
+}
+
+void PoseEstimator::refine(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
+                           PoseEstimate* result) {
+  constexpr int kMaxRounds = 3;
+  const PoseResiduals residuals(rig, observations);
+  std::vector<int>& active = workspace_->active;
+  const int needed = std::max(4, options.min_inliers);
+  const auto collect = [&] {
+    active.clear();
+    for (int i = 0; i < residuals.size(); ++i) {
+      if (result->inlier[i]) active.push_back(i);
+    }
+    result->inlier_count = static_cast<int>(active.size());
+    return result->inlier_count >= needed;
+  };
+  result->problem = PoseProblem::kTooFewInliers;
+  if (!collect()) return;
+  for (int round = 0; round < kMaxRounds; ++round) {
+    minimise_pose(residuals, active, options.loss, options.max_refinements, &result->rig_from_world);
+    if (!mark_inliers(residuals, options.max_error_px, result)) break;
+    if (!collect()) return;
+  }
+  const auto normal = residuals.normal_equations(result->rig_from_world, active, {});
+  result->problem = PoseProblem::kDegenerate;
+  if (!invert(normal.hessian, &result->covariance)) return;
+  result->sigma_px = effective_sigma(residuals, active, options.loss, result->rig_from_world);
+  result->covariance *= result->sigma_px * result->sigma_px;
+  result->problem = PoseProblem::kNone;
+}
+
+}  // namespace raysfm

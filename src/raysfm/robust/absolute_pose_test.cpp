@@ -1,0 +1,293 @@
+#include "raysfm/robust/absolute_pose.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <limits>
+#include <opencv2/calib3d.hpp>
+#include <tuple>
+
+#include "raysfm/core/random.h"
+
+namespace raysfm {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+Vector3d normal_vector(Rng& rng) {
+  return {rng.normal(), rng.normal(), rng.normal()};
+}
+
+Camera pinhole_camera() {
+  Camera camera;
+  camera.name = "cam0";
+  camera.model = Pinhole{500, 510, 320, 240};
+  camera.width = 640, camera.height = 480;
+  return camera;
+}
+
+Rig mono() {
+  return {{pinhole_camera()}};
+}
+
+// Three cameras that look in different directions, with different centres.
+Rig three_cameras() {
+  Rig rig;
+  for (int i = 0; i < 3; ++i) {
+    Camera camera = pinhole_camera();
+    camera.rig_from_cam = {exp_so3(Vector3d(0.1, 2.1 * i, 0.05 * i)), Vector3d(0.3 * i, -0.1, 0.2 * i)};
+    rig.cameras.push_back(camera);
+  }
+  return rig;
+}
+
+struct Scene {
+  Rig rig;
+  Rigid3 rig_from_world;
+  std::vector<Vector3d> points;
+  std::vector<Vector2d> pixels;
+  std::vector<int> cameras;
+
+  PoseObservations observations() const { return {points, pixels, cameras}; }
+};
+
+// Points 3 to 20 units before the cameras in turn, `noise` pixels on each coordinate, the first
+// `outliers` pixels anywhere in the image.
+Scene make_scene(const Rig& rig, int count, double noise, double outliers, Rng& rng) {
+  Scene scene{rig, {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)}, {}, {}, {}};
+  const Rigid3 world_from_rig = scene.rig_from_world.inverse();
+  for (int i = 0; i < count; ++i) {
+    const int c = i % static_cast<int>(rig.cameras.size());
+    const Camera& camera = rig.cameras[c];
+    const Vector2d pixel(rng.uniform(0, 640), rng.uniform(0, 480));
+    Ray ray;
+    EXPECT_TRUE(camera.ray(pixel, &ray));
+    const Vector3d in_rig = camera.rig_from_cam * Vector3d(rng.uniform(3, 20) * ray.direction);
+    scene.points.push_back(world_from_rig * in_rig);
+    scene.pixels.push_back(pixel + noise * Vector2d(rng.normal(), rng.normal()));
+    if (i < outliers * count) scene.pixels.back() = {rng.uniform(0, 640), rng.uniform(0, 480)};
+    scene.cameras.push_back(c);
+  }
+  return scene;
+}
+
+double rotation_error(const Rigid3& a, const Rigid3& b) {
+  return rotation_angle(a.rotation * b.rotation.conjugate());
+}
+double position_error(const Rigid3& a, const Rigid3& b) {
+  return (a.inverse().translation - b.inverse().translation).norm();
+}
+
+TEST(PoseResiduals, JacobianIsTheDerivative) {
+  Rng rng(1);
+  const Scene scene = make_scene(three_cameras(), 30, 2, 0, rng);
+  const PoseObservations observations = scene.observations();
+  const PoseResiduals residuals(scene.rig, observations);
+  for (int i = 0; i < 30; ++i) {
+    Vector2d r, plus, minus;
+    Eigen::Matrix<double, 2, 6> jacobian;
+    ASSERT_TRUE(residuals.evaluate(scene.rig_from_world, i, &r, &jacobian));
+    for (int k = 0; k < 6; ++k) {
+      constexpr double kStep = 1e-6;
+      const Vector6d delta = kStep * Vector6d::Unit(k);
+      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, delta), i, &plus, nullptr));
+      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, -delta), i, &minus, nullptr));
+      const Vector2d numeric = (plus - minus) / (2 * kStep);
+      EXPECT_LT((numeric - jacobian.col(k)).norm(), 1e-4 * (1 + numeric.norm()));
+    }
+  }
+}
+
+class PoseOfRig : public testing::TestWithParam<std::tuple<bool, double>> {};
+
+TEST_P(PoseOfRig, IsFoundAmongOutliers) {
+  const auto [several, outliers] = GetParam();
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    Rng rng(seed, 2);
+    const Scene scene = make_scene(several ? three_cameras() : mono(), 300, 0.5, outliers, rng);
+    PoseOptions options;
+    options.seed = seed;
+    estimator.estimate(scene.rig, scene.observations(), nullptr, options, &estimate);
+    ASSERT_TRUE(estimate.ok());
+    EXPECT_LT(rotation_error(estimate.rig_from_world, scene.rig_from_world), 2e-3);
+    EXPECT_LT(position_error(estimate.rig_from_world, scene.rig_from_world), 0.03);
+    EXPECT_NEAR(estimate.inlier_count, 300 * (1 - outliers), 6);
+    int wrong = 0, marked = 0;
+    for (int i = 0; i < 300; ++i) {
+      marked += estimate.inlier[i];
+      wrong += (estimate.inlier[i] != 0) == (i < outliers * 300);
+    }
+    EXPECT_EQ(marked, estimate.inlier_count);
+    EXPECT_LE(wrong, 6);
+    EXPECT_NEAR(estimate.sigma_px, 0.5, 0.1);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Outliers, PoseOfRig,
+                         testing::Combine(testing::Bool(), testing::Values(0.0, 0.3, 0.7)));
+
+TEST(AbsolutePose, ExactDataGiveTheExactPose) {
+  Rng rng(3);
+  const Scene scene = make_scene(mono(), 100, 0, 0, rng);
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
+  ASSERT_TRUE(estimate.ok());
+  EXPECT_EQ(estimate.inlier_count, 100);
+  EXPECT_LT(rotation_error(estimate.rig_from_world, scene.rig_from_world), 1e-8);
+  EXPECT_LT(position_error(estimate.rig_from_world, scene.rig_from_world), 1e-6);
+}
+
+TEST(AbsolutePose, AGoodPriorSavesTheSamplesAndABadOneDoesNoHarm) {
+  Rng rng(4);
+  const Scene scene = make_scene(mono(), 400, 0.5, 0.2, rng);
+  PoseEstimator estimator;
+  PoseEstimate without, with_good, with_bad;
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &without);
+  Vector6d nudge = Vector6d::Constant(1e-3);
+  const Rigid3 good = retract(scene.rig_from_world, nudge), bad{exp_so3({1, 1, 1}), {100, 0, 0}};
+  estimator.estimate(scene.rig, scene.observations(), &good, {}, &with_good);
+  estimator.estimate(scene.rig, scene.observations(), &bad, {}, &with_bad);
+  ASSERT_TRUE(without.ok() && with_good.ok() && with_bad.ok());
+  EXPECT_GT(without.iterations, 0);
+  EXPECT_EQ(with_good.iterations, 0);
+  EXPECT_GT(with_bad.iterations, 0);
+  for (const PoseEstimate* estimate : {&with_good, &with_bad}) {
+    EXPECT_EQ(estimate->inlier, without.inlier);
+    EXPECT_LT(rotation_error(estimate->rig_from_world, without.rig_from_world), 1e-5);
+    EXPECT_LT(position_error(estimate->rig_from_world, without.rig_from_world), 1e-4);
+  }
+}
+
+TEST(AbsolutePose, SameSeedSameBits) {
+  Rng rng(5);
+  const Scene scene = make_scene(three_cameras(), 200, 0.5, 0.5, rng);
+  PoseEstimator one, two;
+  PoseEstimate a, b;
+  one.estimate(scene.rig, scene.observations(), nullptr, {}, &a);
+  two.estimate(scene.rig, scene.observations(), nullptr, {}, &b);
+  two.estimate(scene.rig, scene.observations(), nullptr, {}, &b);  // used buffers must not matter
+  EXPECT_EQ(a.rig_from_world.rotation.coeffs(), b.rig_from_world.rotation.coeffs());
+  EXPECT_EQ(a.rig_from_world.translation, b.rig_from_world.translation);
+  EXPECT_EQ(a.covariance, b.covariance);
+}
+
+TEST(AbsolutePose, AgreesWithOpenCv) {
+  for (uint64_t seed = 0; seed < 10; ++seed) {
+    Rng rng(seed, 6);
+    const Scene scene = make_scene(mono(), 80, 0.7, 0, rng);
+    PoseOptions options;
+    options.loss = {};
+    options.max_error_px = 10;  // keeps all
+    PoseEstimator estimator;
+    PoseEstimate estimate;
+    estimator.estimate(scene.rig, scene.observations(), nullptr, options, &estimate);
+    ASSERT_TRUE(estimate.ok());
+    std::vector<cv::Point3d> points;
+    std::vector<cv::Point2d> pixels;
+    for (size_t i = 0; i < scene.points.size(); ++i) {
+      points.emplace_back(scene.points[i].x(), scene.points[i].y(), scene.points[i].z());
+      pixels.emplace_back(scene.pixels[i].x(), scene.pixels[i].y());
+    }
+    const cv::Matx33d k(500, 0, 320, 0, 510, 240, 0, 0, 1);
+    cv::Vec3d rotation, translation;
+    ASSERT_TRUE(cv::solvePnP(points, pixels, k, cv::noArray(), rotation, translation));
+    cv::solvePnPRefineLM(points, pixels, k, cv::noArray(), rotation, translation);
+    const Rigid3 oracle{exp_so3({rotation[0], rotation[1], rotation[2]}),
+                        {translation[0], translation[1], translation[2]}};
+    EXPECT_LT(rotation_error(estimate.rig_from_world, oracle), 1e-5);
+    EXPECT_LT(position_error(estimate.rig_from_world, oracle), 1e-4);
+  }
+}
+
+// Part of the trials whose true position lies inside the 90 % ellipsoid, and whose true pose lies inside the
+// 90 % ellipsoid of six dimensions (chi-square 10.645).
+std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss) {
+  constexpr int kTrials = 2000, kPoints = 150;
+  constexpr double kNoise = 0.8, kEllipsoid90Of6 = 10.645;
+  Rng rng(7);
+  Scene scene = make_scene(rig, kPoints, 0, 0, rng);
+  const std::vector<Vector2d> exact = scene.pixels;
+  PoseOptions options;
+  options.loss = loss;
+  options.max_error_px = 100;
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  int inside = 0, inside6 = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    for (int i = 0; i < kPoints; ++i)
+      scene.pixels[i] = exact[i] + kNoise * Vector2d(rng.normal(), rng.normal());
+    estimator.estimate(scene.rig, scene.observations(), &scene.rig_from_world, options, &estimate);
+    EXPECT_TRUE(estimate.ok());
+    const Matrix6d world = covariance_in_world(estimate.rig_from_world, estimate.covariance);
+    const Vector3d error =
+        scene.rig_from_world.inverse().translation - estimate.rig_from_world.inverse().translation;
+    inside += error.dot(world.topLeftCorner<3, 3>().inverse() * error) <= kEllipsoid90;
+    const Rigid3 difference = scene.rig_from_world * estimate.rig_from_world.inverse();
+    Vector6d tangent;
+    tangent.tail<3>() = log_so3(difference.rotation);
+    tangent.head<3>() = difference.translation;
+    inside6 += tangent.dot(estimate.covariance.inverse() * tangent) <= kEllipsoid90Of6;
+  }
+  return {double(inside) / kTrials, double(inside6) / kTrials};
+}
+
+TEST(AbsolutePose, CovarianceCoversTheTruthInNinetyPercent) {
+  for (const Rig& rig : {mono(), three_cameras()}) {
+    for (const RobustLoss& loss :
+         {RobustLoss{}, RobustLoss{RobustLoss::Kind::kHuber, 1.0}, RobustLoss{RobustLoss::Kind::kCauchy, 2.0},
+          RobustLoss{RobustLoss::Kind::kTukey, 4.0}}) {
+      const auto [position, pose] = covered(rig, loss);
+      EXPECT_NEAR(position, 0.9, 0.02) << static_cast<int>(loss.kind);
+      EXPECT_NEAR(pose, 0.9, 0.02) << static_cast<int>(loss.kind);
+    }
+  }
+}
+
+TEST(AbsolutePose, SaysWhyItFails) {
+  Rng rng(8);
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  Scene scene = make_scene(mono(), 11, 0, 0, rng);
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
+  EXPECT_EQ(estimate.problem, PoseProblem::kTooFewObservations);
+  estimator.estimate(scene.rig, {}, nullptr, {}, &estimate);
+  EXPECT_EQ(estimate.problem, PoseProblem::kTooFewObservations);
+
+  scene = make_scene(mono(), 100, 0, 1.0, rng);
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
+  EXPECT_EQ(estimate.problem, PoseProblem::kTooFewInliers);
+
+  // All points on one line: the pose may turn about it.
+  scene = make_scene(mono(), 50, 0, 0, rng);
+  const Rigid3 world_from_rig = scene.rig_from_world.inverse();
+  for (int i = 0; i < 50; ++i) {
+    const Vector3d x(-2 + 0.08 * i, 0.5, 6 + 0.03 * i);
+    scene.points[i] = world_from_rig * x;
+    ASSERT_TRUE(scene.rig.cameras[0].project(x, &scene.pixels[i]));
+  }
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
+  EXPECT_FALSE(estimate.ok());
+  estimator.estimate(scene.rig, scene.observations(), &scene.rig_from_world, {}, &estimate);
+  EXPECT_EQ(estimate.problem, PoseProblem::kDegenerate);
+}
+
+TEST(AbsolutePose, NotANumberIsAnOutlier) {
+  Rng rng(9);
+  Scene scene = make_scene(mono(), 100, 0.3, 0, rng);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 20; ++i) scene.points[i].y() = nan;
+  for (int i = 20; i < 40; ++i) scene.pixels[i].x() = nan;
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
+  ASSERT_TRUE(estimate.ok());
+  EXPECT_EQ(estimate.inlier_count, 60);
+  EXPECT_LT(position_error(estimate.rig_from_world, scene.rig_from_world), 0.03);
+}
+
+}  // namespace
+}  // namespace raysfm

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/optim/robust_loss.h"
+
+namespace raysfm {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// Known points and where a rig saw them: flat arrays of one length.
+struct PoseObservations {
+  std::span<const Eigen::Vector3d> points_in_world;
+  std::span<const Eigen::Vector2d> pixels;
+  std::span<const int> cameras;  // index into Rig::cameras; empty: all in camera 0
+
+  int size() const { return static_cast<int>(points_in_world.size()); }
+  int camera(int i) const { return cameras.empty() ? 0 : cameras[i]; }
+};
+
+// The pixel residuals of one pose (predicted minus observed) and their derivatives by the tangent of
+// rig_from_world (see retract()). Borrows its inputs.
+class PoseResiduals {
+ public:
+  PoseResiduals(const Rig& rig, const PoseObservations& observations);
+
+  // Residual of observation i; false where the point does not project. `jacobian` may be null.
+  bool evaluate(const Rigid3& rig_from_world, int i, Eigen::Vector2d* residual,
+                Eigen::Matrix<double, 2, 6>* jacobian) const;
+
+  struct NormalEquations {
+    double cost = 0;  // half the sum of the losses
+    Matrix6d hessian = Matrix6d::Zero();
+    Vector6d gradient = Vector6d::Zero();
+    int failed = 0;  // observations that do not project
+  };
+  // Over the observations `active`. With kNone the hessian is J^T J.
+  NormalEquations normal_equations(const Rigid3& rig_from_world, std::span<const int> active,
+                                   const RobustLoss& loss) const;
+
+  int size() const { return observations_.size(); }
+
+ private:
+  const Rig& rig_;
+  const PoseObservations& observations_;
+  std::vector<Eigen::Matrix3d> cam_from_rig_rotation_;
+  std::vector<Eigen::Vector3d> cam_from_rig_translation_;
+};
+
+// Levenberg-Marquardt over the six parameters from *rig_from_world. Returns the iterations; the cost never
+// rises.
+int minimise_pose(const PoseResiduals& residuals, std::span<const int> active, const RobustLoss& loss,
+                  int max_iterations, Rigid3* rig_from_world);
+
+}  // namespace raysfm
