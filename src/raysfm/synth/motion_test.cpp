@@ -1,0 +1,133 @@
+#include "raysfm/synth/motion.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "raysfm/geometry/rotation.h"
+
+namespace raysfm::synth {
+namespace {
+
+using Eigen::Vector3d;
+
+Motion motion_in(const World& world, const char* name, double duration, double length = 0) {
+  Result<Motion> motion =
+      make_motion(world.stage, world.habit, {name, duration, length > 0 ? length : world.length, 3});
+  EXPECT_TRUE(motion);
+  return *std::move(motion);
+}
+
+World world_of(const char* name) {
+  ThreadPool pool(1);
+  Result<World> world = make_world(name, {}, pool);
+  EXPECT_TRUE(world);
+  return *std::move(world);
+}
+
+// Largest change of acceleration (metres and radians, per second squared) between instants `h` apart.
+double largest_jump(const Motion& motion, double duration, double h) {
+  Vector3d last_linear = Vector3d::Zero(), last_angular = last_linear;
+  double largest = 0;
+  bool first = true;
+  for (double t = 1.0; t < duration - 1.0; t += h) {
+    const Rigid3 a = motion(t - h), b = motion(t), c = motion(t + h);
+    const Vector3d linear = (a.translation - 2 * b.translation + c.translation) / (h * h);
+    const Vector3d angular =
+        (log_so3(c.rotation * b.rotation.conjugate()) - log_so3(b.rotation * a.rotation.conjugate())) /
+        (h * h);
+    if (!first) largest = std::max({largest, (linear - last_linear).norm(), (angular - last_angular).norm()});
+    first = false;
+    last_linear = linear;
+    last_angular = angular;
+  }
+  return largest;
+}
+
+class Motions : public testing::TestWithParam<std::tuple<const char*, const char*>> {};
+
+TEST_P(Motions, AccelerationIsContinuous) {
+  const auto& [world_name, name] = GetParam();
+  const World world = world_of(world_name);
+  const double duration = world.habit.frames / world.habit.fps;
+  const Motion motion = motion_in(world, name, duration);
+  // Where the acceleration is continuous, its change over h goes to zero with h; at a step it stays.
+  const double coarse = largest_jump(motion, duration, 8e-3), fine = largest_jump(motion, duration, 2e-3);
+  EXPECT_LT(fine, 0.35 * coarse);
+}
+
+INSTANTIATE_TEST_SUITE_P(Everywhere, Motions,
+                         testing::Combine(testing::Values("street", "room", "corridor", "board"),
+                                          testing::Values("drive", "loop", "handheld", "orbit", "rotate")));
+
+TEST(Motion, RotateKeepsTheCentreExactly) {
+  for (const char* name : {"street", "room", "corridor", "board", "town"}) {
+    const World world = world_of(name);
+    const Motion motion = motion_in(world, "rotate", 20);
+    double turned = 0;
+    for (double t = 0; t < 20; t += 0.1) {
+      EXPECT_EQ(motion(t).translation, motion(0).translation);
+      turned += rotation_angle(motion(t + 0.1).rotation * motion(t).rotation.conjugate());
+    }
+    EXPECT_GT(turned, 6.0) << "a full turn";
+  }
+}
+
+TEST(Motion, DriveCoversItsLength) {
+  const World street = world_of("street");
+  const Motion motion = motion_in(street, "drive", 445 / 7.5, 70);
+  double way = 0;
+  for (double t = 0; t < 445 / 7.5 - 0.05; t += 0.1) {
+    way += (motion(t + 0.1).translation - motion(t).translation).norm();
+  }
+  EXPECT_NEAR(way, 70, 1.0);
+  EXPECT_NEAR(motion(445 / 7.5).translation.z(), 70, 0.5);
+}
+
+TEST(Motion, TownGoesOutAndComesBack) {
+  const World town = world_of("town");
+  const double duration = town.habit.frames / town.habit.fps;
+  const Motion motion = motion_in(town, "drive", duration);
+  double farthest = 0, way = 0;
+  for (double t = 0; t < duration; t += 0.2) {
+    farthest = std::max(farthest, motion(t).translation.z());
+    way += (motion(t + 0.2).translation - motion(t).translation).norm();
+  }
+  EXPECT_GT(farthest, 200);
+  EXPECT_NEAR(way, 500, 10);
+  EXPECT_LT(std::abs(motion(duration).translation.z()), 12);
+  const Vector3d ahead = motion(duration).rotation * Vector3d::UnitZ();
+  EXPECT_LT(ahead.z(), -0.99) << "looks back where it came from";
+}
+
+TEST(Motion, LoopCloses) {
+  for (const char* name : {"street", "room", "corridor"}) {
+    const Motion motion = motion_in(world_of(name), "loop", 30);
+    EXPECT_LT((motion(30).translation - motion(0).translation).norm(), 0.1) << name;
+    EXPECT_GT((motion(15).translation - motion(0).translation).norm(), 1.0) << name;
+  }
+}
+
+TEST(Motion, OrbitKeepsTheCentreInView) {
+  for (const char* name : {"street", "room", "corridor", "board", "town"}) {
+    const World world = world_of(name);
+    const Motion motion = motion_in(world, "orbit", 20);
+    for (double t = 0; t < 20; t += 0.5) {
+      const Vector3d seen = motion(t).inverse() * world.stage.centre;
+      EXPECT_LT(std::hypot(seen.x(), seen.y()) / seen.z(), 0.12) << name << " at " << t;
+      EXPECT_GT(seen.z(), 0);
+    }
+  }
+}
+
+TEST(Motion, UnknownNameIsRefusedWithTheKnownOnes) {
+  const World world = world_of("board");
+  const Result<Motion> motion = make_motion(world.stage, world.habit, {"fly", 1, 1, 0});
+  ASSERT_FALSE(motion);
+  EXPECT_NE(motion.error().message.find("fly"), std::string::npos);
+  EXPECT_NE(motion.error().message.find("handheld"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace raysfm::synth
