@@ -64,11 +64,13 @@ class BundleAdjuster::Workspace {
   template <bool kJacobian, typename Residual>
   double work_on_group(const ObservationLayout::Group& group, const Residual& residual, State& state);
   void add_block(const ObservationLayout::Group& group, int begin, const RowMajor3& rotation);
-  void move_points_of_lost(double share);
+  bool projects(const State& state, int lane) const;
+  void shorten_steps_of_lost();
   void drop_lost();
   double cost_without_lost(const State& state);
 
   std::span<const Camera> cameras_;
+  std::span<const BundleObservation> observations_;
   RobustLoss loss_;
   ObservationLayout layout_;
   SchurSystem system_;
@@ -83,6 +85,7 @@ class BundleAdjuster::Workspace {
 
 bool BundleAdjuster::Workspace::load(const BundleProblem& problem, const BundleOptions& options) {
   cameras_ = problem.cameras;
+  observations_ = problem.observations;
   loss_ = options.loss;
   layout_.build(problem);
   active_.clear();
@@ -122,9 +125,8 @@ LmTrial BundleAdjuster::Workspace::evaluate(bool linearize) {
     trial_.points[layout_.points[p]] = current_.points[layout_.points[p]] + step;
   }
   trial_cost_ = work(trial_, linearize);
-  for (const double share : {0.25, 0.0}) {
-    if (lost_.empty()) break;
-    move_points_of_lost(share);
+  if (!lost_.empty()) {
+    shorten_steps_of_lost();
     trial_cost_ = work(trial_, linearize);
   }
   if (lost_.empty()) return {current_cost_, trial_cost_};
@@ -139,13 +141,21 @@ void BundleAdjuster::Workspace::accept() {
   current_cost_ = trial_cost_;
 }
 
-void BundleAdjuster::Workspace::move_points_of_lost(double share) {
+bool BundleAdjuster::Workspace::projects(const State& state, int lane) const {
+  const BundleObservation& o = observations_[layout_.lanes[lane].observation];
+  const Camera& camera = cameras_[o.camera];
+  Eigen::Vector2d pixel;
+  return camera.project(camera.rig_from_cam.inverse() * (state.poses[o.pose] * state.points[o.point]),
+                        &pixel);
+}
+
+void BundleAdjuster::Workspace::shorten_steps_of_lost() {
+  constexpr int kMostTries = 4;
   for (int k : lost_) {
-    const ObservationLayout::Lane& lane = layout_.lanes[k];
-    if (lane.system_point < 0) continue;
-    const Eigen::Map<const Eigen::Vector3d> step(system_.point_step(lane.system_point));
-    trial_.points[lane.point] = current_.points[lane.point];
-    if (share > 0) trial_.points[lane.point] += share * step;
+    const int p = layout_.lanes[k].point;
+    for (int i = 0; i < kMostTries && !projects(trial_, k); ++i) {
+      trial_.points[p] = current_.points[p] + 0.25 * (trial_.points[p] - current_.points[p]);
+    }
   }
 }
 
