@@ -13,36 +13,42 @@ namespace raysfm {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Appends to `found` the elements of indices[begin..end) whose pixel lies within the radius, and returns how
-// many; writes up to a vector behind the last.
-int find_within(const FeatureGrid& grid, int begin, int end, float x, float y, float radius2, int* found) {
+// Writes the indices of the pixels within the radius to `found`, with room for a vector behind the last, and
+// returns how many.
+int find_within(const FeatureGrid& grid, const Eigen::Vector2f& centre, float radius,
+                int* HWY_RESTRICT found) {
   const hn::CappedTag<float, FeatureGrid::kReadable> floats;
   const hn::RebindToSigned<decltype(floats)> ints;
   const int lanes = static_cast<int>(hn::Lanes(floats));
-  const auto centre_x = hn::Set(floats, x), centre_y = hn::Set(floats, y), limit = hn::Set(floats, radius2);
+  const auto x = hn::Set(floats, centre.x()), y = hn::Set(floats, centre.y());
+  const auto limit = hn::Set(floats, radius * radius);
   int count = 0;
-  for (int k = begin; k < end; k += lanes) {
-    const auto dx = hn::Sub(hn::LoadU(floats, grid.xs() + k), centre_x);
-    const auto dy = hn::Sub(hn::LoadU(floats, grid.ys() + k), centre_y);
-    const auto near = hn::Le(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), limit);
-    const auto mask =
-        hn::And(hn::RebindMask(ints, near), hn::FirstN(ints, static_cast<size_t>(std::min(end - k, lanes))));
-    count += static_cast<int>(
-        hn::CompressBlendedStore(hn::LoadU(ints, grid.indices() + k), mask, ints, found + count));
-  }
+  grid.for_each_run(centre, radius, [&](int begin, int end) HWY_ATTR {
+    for (int k = begin; k < end; k += lanes) {
+      const auto dx = hn::Sub(hn::LoadU(floats, grid.xs() + k), x);
+      const auto dy = hn::Sub(hn::LoadU(floats, grid.ys() + k), y);
+      const auto near = hn::Le(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), limit);
+      const auto in_run = hn::FirstN(ints, static_cast<size_t>(std::min(end - k, lanes)));
+      const auto indices = hn::LoadU(ints, grid.indices() + k);
+      count += static_cast<int>(
+          hn::CompressStore(indices, hn::And(hn::RebindMask(ints, near), in_run), ints, found + count));
+    }
+  });
   return count;
 }
 
-// scores[c] = ZNCC of a patch with patch candidates[c] of `train`. The sums are exact, so their order does
-// not matter.
-void score_candidates(const int8_t* query, float query_inverse_norm, const PatchSet& train,
-                      const int* candidates, int count, float* scores) {
+// scores[c] = ZNCC of patch `q` of the queries with patch candidates[c] of `train`, zero where negative. The
+// sums are exact, so their order does not matter.
+void score_candidates(const PatchSet& query, int q, const PatchSet& train, const int* candidates, int count,
+                      float* HWY_RESTRICT scores) {
+  const float inverse_norm = query.inverse_norm(q);
+  alignas(64) int16_t wide[kPatchStride];
+  for (int k = 0; k < kPatchStride; ++k) wide[k] = query.patch(q)[k];
 #if HWY_TARGET == HWY_SCALAR
   for (int c = 0; c < count; ++c) {
-    const int8_t* patch = train.patch(candidates[c]);
     int32_t dot = 0;
-    for (int k = 0; k < kPatchStride; ++k) dot += query[k] * patch[k];
-    scores[c] = static_cast<float>(dot) * (query_inverse_norm * train.inverse_norm(candidates[c]));
+    for (int k = 0; k < kPatchStride; ++k) dot += wide[k] * train.patch(candidates[c])[k];
+    scores[c] = static_cast<float>(std::max(dot, 0)) * (inverse_norm * train.inverse_norm(candidates[c]));
   }
 #else
   const hn::ScalableTag<int16_t> d16;
@@ -53,14 +59,22 @@ void score_candidates(const int8_t* query, float query_inverse_norm, const Patch
     const int8_t* patch = train.patch(candidates[c]);
     auto even = hn::Zero(d32), odd = hn::Zero(d32);
     for (int k = 0; k < kPatchStride; k += lanes) {
-      const auto a = hn::PromoteTo(d16, hn::Load(d8, query + k));
       const auto b = hn::PromoteTo(d16, hn::Load(d8, patch + k));
-      even = hn::ReorderWidenMulAccumulate(d32, a, b, even, odd);
+      even = hn::ReorderWidenMulAccumulate(d32, hn::Load(d16, wide + k), b, even, odd);
     }
-    const int32_t dot = hn::GetLane(hn::SumOfLanes(d32, hn::Add(even, odd)));
-    scores[c] = static_cast<float>(dot) * (query_inverse_norm * train.inverse_norm(candidates[c]));
+    // Half of all scores are negative: a branch on the sign would be mispredicted.
+    const auto dot = hn::Max(hn::SumOfLanes(d32, hn::Add(even, odd)), hn::Zero(d32));
+    scores[c] = static_cast<float>(hn::GetLane(dot)) * (inverse_norm * train.inverse_norm(candidates[c]));
   }
 #endif
+}
+
+// Both of the above; returns the number of candidates.
+int score_region(const PatchSet& query, int q, const Eigen::Vector2f& centre, float radius,
+                 const PatchSet& train, const FeatureGrid& grid, int* candidates, float* scores) {
+  const int count = find_within(grid, centre, radius, candidates);
+  score_candidates(query, q, train, candidates, count, scores);
+  return count;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -70,16 +84,16 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace raysfm {
 
-HWY_EXPORT(find_within);
-HWY_EXPORT(score_candidates);
+HWY_EXPORT(score_region);
 
 namespace {
 
-// A score and the index it belongs to, ordered by score (positive floats compare like their bits), equal ones
+// A score and the index it belongs to, ordered by score (floats that are not negative compare like
+// their bits), equal ones
 // the lower index first. Zero stands for none. The greatest is kept without a branch, which would be
 // mispredicted every time that a new best appears.
 uint64_t rank(float score, int index) {
-  return uint64_t{std::bit_cast<uint32_t>(std::max(score, 0.0f))} << 32 | ~static_cast<uint32_t>(index);
+  return uint64_t{std::bit_cast<uint32_t>(score)} << 32 | ~static_cast<uint32_t>(index);
 }
 float score_of(uint64_t rank) {
   return std::bit_cast<float>(static_cast<uint32_t>(rank >> 32));
@@ -104,13 +118,8 @@ void ZnccMatcher::match(const PatchSet& query, std::span<const Eigen::Vector2f> 
   for (int q = 0; q < query.size(); ++q) {
     const float radius = radius_px[q];
     if (!query.valid(q) || !(radius > 0)) continue;
-    int count = 0;
-    train_grid.for_each_run(predicted[q], radius, [&](int begin, int end) {
-      count += HWY_DYNAMIC_DISPATCH(find_within)(train_grid, begin, end, predicted[q].x(), predicted[q].y(),
-                                                 radius * radius, candidates_.data() + count);
-    });
-    HWY_DYNAMIC_DISPATCH(score_candidates)
-    (query.patch(q), query.inverse_norm(q), train, candidates_.data(), count, scores_.data());
+    const int count = HWY_DYNAMIC_DISPATCH(score_region)(query, q, predicted[q], radius, train, train_grid,
+                                                         candidates_.data(), scores_.data());
     uint64_t best = 0;
     float second = 0;
     for (int c = 0; c < count; ++c) {
