@@ -97,17 +97,29 @@ void Localiser::collect_aligned(const Map& map) {
   }
 }
 
-bool Localiser::pose_from_corners(const Map& map, const Rigid3& predicted, PoseOptions options) {
+// Pose from points_ and pixels_.
+bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
+  ScopedTimer timer(pose_timing);
+  estimator_.estimate(rig_, {points_, pixels_, {}}, prior,
+                      {.max_error_px = max_error_px,
+                       .min_inliers = kMinInliers,
+                       .seed = options_.seed,
+                       .stream = static_cast<uint64_t>(frame)},
+                      &estimate_);
+  return estimate_.ok();
+}
+
+bool Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
+                                  Rigid3* rig_from_world) {
   points_.clear();
   pixels_.clear();
-  for (const GuidedMatch& m : corners_) {
-    points_.push_back(map.tracks[queries_[m.query].track].position);
+  for (const TrackPixel& m : matches) {
+    points_.push_back(map.tracks[m.track].position);
     pixels_.push_back(m.pixel.cast<double>());
   }
-  ScopedTimer timer(pose_timing);
-  options.max_error_px = kCornerError;
-  estimator_.estimate(rig_, {points_, pixels_, {}}, &predicted, options, &estimate_);
-  return estimate_.ok();
+  if (!estimate(nullptr, frame, kCornerError)) return false;
+  *rig_from_world = estimate_.rig_from_world;
+  return true;
 }
 
 void Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
@@ -125,29 +137,28 @@ void Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
 
 Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                                  const View& view, const Rigid3& predicted_rig_from_world, float radius) {
-  PoseOptions options{
-      .min_inliers = kMinInliers, .seed = options_.seed, .stream = static_cast<uint64_t>(view.frame)};
   {
     ScopedTimer timer(match_timing);
     predict(map, views, local, predicted_rig_from_world, radius);
     matcher_.match(views, queries_, view, kMinZncc, &corners_);
+    points_.clear();
+    pixels_.clear();
+    for (const GuidedMatch& m : corners_) {
+      points_.push_back(map.tracks[queries_[m.query].track].position);
+      pixels_.push_back(m.pixel.cast<double>());
+    }
   }
   Localisation out;
   out.visible = static_cast<int>(queries_.size());
-  if (!pose_from_corners(map, predicted_rig_from_world, options)) {
+  if (!estimate(&predicted_rig_from_world, view.frame, kCornerError)) {
     out.reason = fmt::format("{} of {} visible points matched, {} agree on a pose", corners_.size(),
                              out.visible, estimate_.inlier_count);
     return out;
   }
   align(map, views, local, view);
   out.visible = static_cast<int>(queries_.size());
-  {
-    ScopedTimer timer(pose_timing);
-    const Rigid3 prior = estimate_.rig_from_world;
-    options.max_error_px = kAlignedError;
-    estimator_.estimate(rig_, {points_, pixels_, {}}, &prior, options, &estimate_);
-  }
-  if (!estimate_.ok()) {
+  const Rigid3 prior = estimate_.rig_from_world;
+  if (!estimate(&prior, view.frame, kAlignedError)) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
                              out.visible, estimate_.inlier_count);
     return out;

@@ -65,6 +65,10 @@ class Localiser {
   Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const View& view, const Rigid3& predicted_rig_from_world, float radius);
 
+  // Pose from matches that are corners still, with outliers among them. False where they do not determine it.
+  bool pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
+                         Rigid3* rig_from_world);
+
   // The pose again, from the same matches and the present positions of the points. False, changing nothing,
   // where they no longer determine it.
   bool refine(const Map& map, std::span<const TrackPixel> matches, Rigid3* rig_from_world,
@@ -75,7 +79,7 @@ class Localiser {
  private:
   void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                const Rigid3& rig_from_world, float radius);
-  bool pose_from_corners(const Map& map, const Rigid3& predicted, PoseOptions options);
+  bool estimate(const Rigid3* prior, int frame, double max_error_px);
   void align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
   void keep_corners(std::span<const int> corner_of_track);
   void collect_aligned(const Map& map);

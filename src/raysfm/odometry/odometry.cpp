@@ -78,22 +78,23 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
   const std::vector<int> chosen = start.summary.frames;
   tell(Event::Level::kInfo, fmt::format("started from frames {}, {}, {} with {} points", chosen[0], chosen[1],
                                         chosen[2], start.summary.inliers));
-  segments_.push_back({std::move(start.map), std::move(start.views), std::move(start.summary)});
-  pose_earlier_frames(views);
+  segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
+  pose_start_frames(start, views);
+  pose_earlier_frames(views, start.first_view);
 
-  const Map& map = segment().map;
-  const Rigid3 newest = map.keyframes[2].rig_from_world;
-  const Rigid3 step = newest * map.keyframes[1].rig_from_world.inverse();
-  const double part = 1.0 / (chosen[2] - chosen[1]);
   const auto third =
       std::find_if(views.begin(), views.end(), [&](const ViewPtr& v) { return v->frame == chosen[2]; });
   Localisation pose;
   pose.ok = true;
-  pose.rig_from_world = newest;
-  previous_ = Previous{*third, pose, interpolate(Rigid3{}, step, part)};
-  local_ = make_local_map(map, 2, kReach);
-  anchor_points_ = static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
-                                                  [](const LocalPoint& p) { return p.keyframe == 2; }));
+  pose.rig_from_world = segment().map.keyframes[2].rig_from_world;
+  const FrameRecord& before = frames_[chosen[2] - 1];
+  Rigid3 velocity;
+  if (before.segment + 1 == static_cast<int>(segments_.size())) {
+    velocity = pose.rig_from_world *
+               (before.rig_from_keyframe * segment().map.keyframes[before.keyframe].rig_from_world).inverse();
+  }
+  previous_ = Previous{*third, pose, velocity};
+  set_anchor(2);
   for (auto it = third + 1; it != views.end(); ++it) {
     if (tracking()) {
       track(*it);
@@ -103,48 +104,66 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
   }
 }
 
-// Frames up to the third key frame: those between are posed from their neighbours, those before the first by
-// going back in time while the map reaches.
-void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views) {
+void Odometry::set_anchor(int keyframe) {
+  local_ = make_local_map(segment().map, keyframe, kReach);
+  anchor_points_ =
+      static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
+                                     [&](const LocalPoint& p) { return p.keyframe == keyframe; }));
+}
+
+// Poses a frame of the start against the key frame nearest in time, and records it.
+bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe, float radius_share,
+                         Rigid3* rig_from_world) {
+  const float radius = radius_share * static_cast<float>(view.image.width());
   const Map& map = segment().map;
-  Rigid3 next = map.keyframes[2].rig_from_world, velocity;
-  int keyframe = 2;
-  bool in_reach = true;
-  for (auto it = views.rbegin(); it != views.rend(); ++it) {
-    const View& view = **it;
-    if (view.frame > map.keyframes[2].frame) continue;
-    while (keyframe > 0 && view.frame < map.keyframes[keyframe].frame) --keyframe;
-    Localisation pose;
-    if (view.frame == map.keyframes[keyframe].frame) {
-      pose.ok = true;
-      pose.rig_from_world = map.keyframes[keyframe].rig_from_world;
-      pose.covariance = Matrix6d::Zero();
-    } else {
-      Rigid3 predicted = velocity * next;
-      if (view.frame > map.keyframes[0].frame) {
-        const MapKeyFrame &a = map.keyframes[keyframe], &b = map.keyframes[keyframe + 1];
-        predicted = interpolate(a.rig_from_world, b.rig_from_world,
-                                double(view.frame - a.frame) / double(b.frame - a.frame));
-      }
-      if (!in_reach) break;
-      const float width = static_cast<float>(view.image.width());
-      pose = localiser_.localise(map, segment().views, make_local_map(map, keyframe, kReach), view, predicted,
-                                 kWideRadius * width);
-      if (!believable(pose)) {
-        frames_[view.frame].reason =
-            fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
-        in_reach = view.frame > map.keyframes[0].frame;
-        continue;
-      }
-    }
-    velocity = pose.rig_from_world * next.inverse();
-    next = pose.rig_from_world;
-    record(view, pose, keyframe);
+  const Localisation pose = localiser_.localise(map, segment().views, make_local_map(map, keyframe, kReach),
+                                                view, predicted, radius);
+  if (!believable(pose)) {
+    frames_[view.frame].reason =
+        fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
+    return false;
   }
-  for (const ViewPtr& view : views) {
-    FrameRecord& frame = frames_[view->frame];
-    if (frame.segment < 0 && frame.reason.empty() && view->frame < map.keyframes[2].frame) {
-      frame.reason = fmt::format("before the start at frame {}", map.keyframes[0].frame);
+  record(view, pose, keyframe);
+  *rig_from_world = pose.rig_from_world;
+  return true;
+}
+
+// Key frames of the start and the frames between, each posed first by what the corner tracker saw.
+void Odometry::pose_start_frames(const Start& start, const std::vector<ViewPtr>& views) {
+  const Map& map = segment().map;
+  int keyframe = 0;
+  for (int i = start.first_view; views[i]->frame <= map.keyframes[2].frame; ++i) {
+    const View& view = *views[i];
+    while (keyframe < 2 && view.frame >= map.keyframes[keyframe + 1].frame) ++keyframe;
+    if (view.frame == map.keyframes[keyframe].frame) {
+      Localisation pose;
+      pose.rig_from_world = map.keyframes[keyframe].rig_from_world;
+      record(view, pose, keyframe);
+      if (keyframe == 2) break;
+      continue;
+    }
+    const MapKeyFrame &a = map.keyframes[keyframe], &b = map.keyframes[keyframe + 1];
+    Rigid3 pose = interpolate(a.rig_from_world, b.rig_from_world,
+                              double(view.frame - a.frame) / double(b.frame - a.frame));
+    const bool seen =
+        localiser_.pose_from_matches(map, start.seen[i - start.first_view - 1], view.frame, &pose);
+    pose_near(view, pose, keyframe, seen ? kRadius : kWideRadius, &pose);
+  }
+}
+
+// Frames before the first key frame: back in time while the map reaches.
+void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_view) {
+  Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
+  for (int i = first_view - 1; i >= 0; --i) {
+    Rigid3 pose;
+    if (!pose_near(*views[i], velocity * next, 0, kWideRadius, &pose)) break;
+    velocity = pose * next.inverse();
+    next = pose;
+  }
+  for (int i = 0; i < first_view; ++i) {
+    FrameRecord& frame = frames_[views[i]->frame];
+    if (frame.segment < 0 && frame.reason.empty()) {
+      frame.reason = fmt::format("before the start at frame {}", segment().map.keyframes[0].frame);
     }
   }
 }
@@ -222,10 +241,7 @@ void Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   record(*view, at_keyframe, keyframe);
   forget_old_views();
   if (keyframe >= options_.global_until) settle_frames_of(keyframe - options_.window);
-  local_ = make_local_map(segment().map, keyframe, kReach);
-  anchor_points_ =
-      static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
-                                     [&](const LocalPoint& p) { return p.keyframe == keyframe; }));
+  set_anchor(keyframe);
 }
 
 void Odometry::forget_old_views() {

@@ -69,13 +69,17 @@ class Odometry {
 
   void start(const ViewPtr& view);
   void begin_segment(Start start, const std::vector<ViewPtr>& views);
-  void pose_earlier_frames(const std::vector<ViewPtr>& views);
+  void pose_start_frames(const Start& start, const std::vector<ViewPtr>& views);
+  void pose_earlier_frames(const std::vector<ViewPtr>& views, int first_view);
+  bool pose_near(const View& view, const Rigid3& predicted, int keyframe, float radius_share,
+                 Rigid3* rig_from_world);
   void track(const ViewPtr& view);
   Localisation localise(const View& view);
   bool relocalise(const ViewPtr& view);
   bool needs_keyframe(const Localisation& pose) const;
   void promote(const ViewPtr& view, const Localisation& pose);
   void accept(const ViewPtr& view, Localisation pose);
+  void set_anchor(int keyframe);
   void record(const View& view, const Localisation& pose, int keyframe);
   void settle(int segment, FrameRecord* frame);
   void settle_frames_of(int keyframe);

@@ -9,6 +9,7 @@ constexpr float kMinZncc = 0.8f;
 // Radius of the region of interest as a part of the image's width: at first, and once the motion is known.
 constexpr float kFirstRadius = 0.06f;
 constexpr float kRadius = 0.03f;
+constexpr int kMaxMissed = 2;
 constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
 
 float median(std::vector<float>& values) {
@@ -29,7 +30,7 @@ PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)) {
   const size_t count = base_->features.pixels.size();
   place_ = base_->features.pixels;
   velocity_.assign(count, Eigen::Vector2f::Zero());
-  seen_.assign(count, 0);
+  missed_.assign(count, 0);
 }
 
 void PairTracker::predict(float width) {
@@ -37,7 +38,8 @@ void PairTracker::predict(float width) {
   radius_.resize(place_.size());
   for (size_t i = 0; i < place_.size(); ++i) {
     predicted_[i] = place_[i] + velocity_[i];
-    radius_[i] = (seen_[i] ? kRadius : kFirstRadius) * width;
+    const bool known = missed_[i] == 0 && views() > 0;
+    radius_[i] = missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * width;
   }
 }
 
@@ -77,10 +79,11 @@ void PairTracker::update(const View& next) {
 
   for (size_t i = 0; i < place_.size(); ++i) {
     const Eigen::Vector2f neighbours = motion[cell_of(place_[i], width, height)];
-    seen_[i] = matches[i] >= 0;
+    const bool seen = matches[i] >= 0;
     const Eigen::Vector2f place =
-        seen_[i] ? next.features.pixels[matches[i]] : Eigen::Vector2f(place_[i] + neighbours);
-    velocity_[i] = seen_[i] ? Eigen::Vector2f(place - place_[i]) : neighbours;
+        seen ? next.features.pixels[matches[i]] : Eigen::Vector2f(place_[i] + neighbours);
+    velocity_[i] = seen ? Eigen::Vector2f(place - place_[i]) : neighbours;
+    missed_[i] = seen ? 0 : missed_[i] + 1;
     place_[i] = place;
   }
 }

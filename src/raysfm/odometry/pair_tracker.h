@@ -8,12 +8,13 @@
 namespace raysfm {
 
 // Follows the corners of one view through the views after it, before any geometry is known (LBA09 2.1): each
-// is looked for where its own motion, or else that of its neighbours, leads.
+// is looked for where its own motion, or else that of its neighbours, leads. A corner that was missed in
+// several views in a row is given up: what would be matched to it later is mostly something else.
 class PairTracker {
  public:
   explicit PairTracker(ViewPtr base);
 
-  // Matches the base with the view that follows those seen so far; returns the number of matches.
+  // Matches the base with the view that follows those seen so far; returns the number of corners matched.
   int advance(const View& next);
 
   const View& base() const { return *base_; }
@@ -32,7 +33,7 @@ class PairTracker {
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature
   std::vector<Eigen::Vector2f> velocity_;  // pixels per view
-  std::vector<uint8_t> seen_;              // in the newest view
+  std::vector<int> missed_;                // views in a row without a match
   std::vector<Eigen::Vector2f> predicted_;
   std::vector<float> radius_;
   std::vector<ZnccMatch> found_;

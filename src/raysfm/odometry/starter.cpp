@@ -110,6 +110,7 @@ std::optional<Start> Starter::build(int second, int third, const std::vector<int
                                     geometry.cam2_from_cam0 * cam_from_rig};
   Start start;
   Map& map = start.map;
+  std::vector<int> corner_of_track;  // feature of the first view
   for (int v = 0; v < 3; ++v) {
     map.keyframes.emplace_back();
     map.keyframes[v].frame = views_[indices[v]]->frame;
@@ -118,6 +119,7 @@ std::optional<Start> Starter::build(int second, int third, const std::vector<int
   for (size_t i = 0; i < tracked.size(); ++i) {
     if (!geometry.inlier[i]) continue;
     const int track = static_cast<int>(map.tracks.size());
+    corner_of_track.push_back(tracked[i]);
     map.tracks.push_back({camera.rig_from_cam * geometry.points_in_cam0[i], true, {}, {}});
     map.tracks.back().rgb = color_at(*views_[first_], views_[first_]->features.pixels[tracked[i]]);
     for (int v = 0; v < 3; ++v) {
@@ -135,6 +137,16 @@ std::optional<Start> Starter::build(int second, int third, const std::vector<int
     reason_ = fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", map.keyframes[0].frame,
                           map.keyframes[1].frame, map.keyframes[2].frame, points, map.tracks.size());
     return std::nullopt;
+  }
+  start.first_view = first_;
+  for (int k = 0; k < from_first_->views(); ++k) {
+    std::vector<TrackPixel>& seen = start.seen.emplace_back();
+    const std::vector<int>& matches = from_first_->matches(k);
+    for (size_t t = 0; t < map.tracks.size(); ++t) {
+      const int match = map.tracks[t].triangulated ? matches[corner_of_track[t]] : -1;
+      if (match < 0) continue;
+      seen.push_back({static_cast<int>(t), views_[first_ + 1 + k]->features.pixels[match]});
+    }
   }
   for (int v = 0; v < 3; ++v) {
     start_tracks(*views_[indices[v]], 4.0f, v, &map);

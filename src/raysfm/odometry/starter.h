@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/pair_tracker.h"
@@ -18,6 +19,10 @@ struct Start {
   Map map;  // three key frames
   std::vector<KeyFrameView> views;
   StartSummary summary;
+  int first_view = 0;  // index into Starter::views() of the first key frame
+  // What the views after the first saw of the tracks, before any guidance: corners with a share of outliers.
+  // Element k belongs to view first_view + 1 + k.
+  std::vector<std::vector<TrackPixel>> seen;
 };
 
 // Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
