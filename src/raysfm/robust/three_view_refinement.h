@@ -1,0 +1,56 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "raysfm/geometry/pose.h"
+
+namespace raysfm {
+
+// Poses of views 1 and 2 of a central camera in the frame of view 0; |cam2_from_cam0.translation| = 1.
+struct ThreeViewMotion {
+  Rigid3 cam1_from_cam0, cam2_from_cam0;
+};
+
+// Unit bearings of the same points in three views, spans of one length.
+struct ThreeViewBearings {
+  std::array<std::span<const Eigen::Vector3d>, 3> views;
+  int size() const { return static_cast<int>(views[0].size()); }
+};
+
+// Inverse distance rho >= 0 from view 0 of a point on the ray b0 that fits b2 best: the point is seen by view
+// 2 along R b0 + rho t. Zero for a point at infinity, so that no parallax is needed.
+double inverse_distance(const Eigen::Matrix3d& cam2_from_cam0_rotation, const Eigen::Vector3d& translation,
+                        const Eigen::Vector3d& b0, const Eigen::Vector3d& b2);
+
+// Least sum of squared tangents of the angles in the three views, over both poses (11 parameters, the scale
+// held by |t2| = 1) and the points. A point is a direction and an inverse distance in view 0, so that
+// points at infinity do not hurt; the points are eliminated. Keeps its buffers from call to call.
+class ThreeViewRefiner {
+ public:
+  // Levenberg-Marquardt on the matches `active` from *motion. The cost never rises.
+  void refine(const ThreeViewBearings& bearings, std::span<const int> active, int max_iterations,
+              ThreeViewMotion* motion);
+
+ private:
+  struct Point {
+    std::array<Eigen::Vector3d, 3> bearings;
+    std::array<Eigen::Matrix<double, 2, 3>, 3> tangents;  // rows orthogonal to the bearing
+    Eigen::Vector3d direction;
+    double inverse_distance;
+    // Of the last linearisation, to follow a step of the poses.
+    Eigen::Matrix<double, 3, 11> by_poses;
+    Eigen::Matrix3d inverse_hessian;
+    Eigen::Vector3d gradient;
+  };
+  void start(const ThreeViewBearings& bearings, std::span<const int> active, const ThreeViewMotion& motion);
+  double linearise(const ThreeViewMotion& motion, double damping, Eigen::Matrix<double, 11, 11>* hessian,
+                   Eigen::Matrix<double, 11, 1>* gradient);
+  double cost(const ThreeViewMotion& motion, const std::vector<Point>& points) const;
+
+  std::vector<Point> points_, moved_;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,331 @@
+#include "raysfm/robust/three_view_start.h"
+
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "raysfm/geometry/triangulation.h"
+#include "raysfm/robust/ransac.h"
+#include "raysfm/robust/three_view_refinement.h"
+#include "raysfm/solvers/five_point.h"
+#include "raysfm/solvers/p3p.h"
+
+namespace raysfm {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+namespace {
+
+double median(std::vector<double>* values) {
+  if (values->empty()) return 0;
+  const auto middle = values->begin() + values->size() / 2;
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+// Keeps about `most` of the indices, evenly spread.
+void thin_out(size_t most, std::vector<int>* indices) {
+  const size_t stride = (indices->size() + most - 1) / most;
+  if (stride < 2) return;
+  size_t kept = 0;
+  for (size_t i = 0; i < indices->size(); i += stride) (*indices)[kept++] = (*indices)[i];
+  indices->resize(kept);
+}
+
+// Rotation between two views from two matches.
+class RotationRansac {
+ public:
+  using Model = Matrix3d;  // cam2_from_cam0
+  static constexpr int kSampleSize = 2;
+  static constexpr int kMaxModels = 1;
+
+  RotationRansac(std::span<const Vector3d> bearings0, std::span<const Vector3d> bearings2, double max_error)
+      : bearings0_(bearings0), bearings2_(bearings2), max_error2_(max_error * max_error) {}
+
+  int size() const { return static_cast<int>(bearings0_.size()); }
+  bool sample(Rng& rng, std::array<int, 2>* sample) const {
+    draw_sample(rng, size(), sample);
+    return true;
+  }
+  int generate(const std::array<int, 2>& sample, std::array<Matrix3d, 1>* models) const {
+    Matrix3d sum = Matrix3d::Zero();
+    for (const int i : sample) sum += bearings2_[i] * bearings0_[i].transpose();
+    return kabsch(sum, models->data());
+  }
+  RansacScore score(const Matrix3d& rotation, double limit) const {
+    RansacScore score{.cost = 0, .inliers = 0};
+    for (int i = 0; i < size() && score.cost <= limit; ++i) {
+      const double e = (rotation * bearings0_[i] - bearings2_[i]).squaredNorm() / max_error2_;
+      score.inliers += e < 1;
+      score.cost += std::min(e, 1.0);
+    }
+    return score;
+  }
+  void refine(Matrix3d* rotation) const {
+    Matrix3d sum = Matrix3d::Zero();
+    for (int i = 0; i < size(); ++i) {
+      if ((*rotation * bearings0_[i] - bearings2_[i]).squaredNorm() >= max_error2_) continue;
+      sum += bearings2_[i] * bearings0_[i].transpose();
+    }
+    kabsch(sum, rotation);
+  }
+
+ private:
+  // The rotation nearest to the sum of the products b2 b0^T (Wahba's problem).
+  static int kabsch(const Matrix3d& sum, Matrix3d* rotation) {
+    const Eigen::JacobiSVD<Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    if (!(svd.singularValues()[1] > 1e-12)) return 0;
+    Vector3d signs(1, 1, 1);
+    signs[2] = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+    *rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+    return 1;
+  }
+
+  std::span<const Vector3d> bearings0_, bearings2_;
+  double max_error2_;
+};
+
+// Motion over three views from five matches.
+class MotionRansac {
+ public:
+  using Model = ThreeViewMotion;
+  static constexpr int kSampleSize = 5;
+  static constexpr int kMaxModels = 10;
+
+  MotionRansac(const ThreeViewBearings& bearings, double max_error) : bearings_(bearings) {
+    // Half the sum of two squared errors, each holding the noise of view 0 as well as its own.
+    scale_ = 0.25 / (max_error * max_error);
+    inliers_.reserve(bearings.size());
+  }
+
+  int size() const { return bearings_.size(); }
+  bool sample(Rng& rng, std::array<int, 5>* sample) const {
+    draw_sample(rng, size(), sample);
+    return true;
+  }
+  int generate(const std::array<int, 5>& sample, std::array<ThreeViewMotion, 10>* motions) const;
+  RansacScore score(const ThreeViewMotion& motion, double limit) const;
+  void refine(ThreeViewMotion* motion) {
+    constexpr int kMaxPoints = 100, kIterations = 4;
+    collect_inliers(*motion, &inliers_);
+    thin_out(kMaxPoints, &inliers_);
+    refiner_.refine(bearings_, inliers_, kIterations, motion);
+  }
+
+  void collect_inliers(const ThreeViewMotion& motion, std::vector<int>* inliers) const {
+    const Frames frames(motion);
+    inliers->clear();
+    for (int i = 0; i < size(); ++i) {
+      if (error(frames, i) < 1) inliers->push_back(i);
+    }
+  }
+
+ private:
+  struct Frames {
+    Matrix3d r1, r2;
+    Vector3d t1, t2;
+    explicit Frames(const ThreeViewMotion& motion)
+        : r1(motion.cam1_from_cam0.rotation.toRotationMatrix()),
+          r2(motion.cam2_from_cam0.rotation.toRotationMatrix()),
+          t1(motion.cam1_from_cam0.translation),
+          t2(motion.cam2_from_cam0.translation) {}
+  };
+
+  static double squared_tangent(const Vector3d& bearing, const Vector3d& seen) {
+    const double along = bearing.dot(seen);
+    return along > 0 ? std::max(0.0, seen.squaredNorm() - along * along) / (along * along) : 1e9;
+  }
+
+  // 1 at the limit of an inlier. The point lies on the ray of view 0, at the distance that fits view 2.
+  double error(const Frames& f, int i) const {
+    const Vector3d &b0 = bearings_.views[0][i], &b1 = bearings_.views[1][i], &b2 = bearings_.views[2][i];
+    const double rho = inverse_distance(f.r2, f.t2, b0, b2);
+    return scale_ *
+           (squared_tangent(b2, f.r2 * b0 + rho * f.t2) + squared_tangent(b1, f.r1 * b0 + rho * f.t1));
+  }
+
+  ThreeViewBearings bearings_;
+  double scale_;
+  std::vector<int> inliers_;
+  ThreeViewRefiner refiner_;
+};
+
+// The P3P solution from the first three points that fits all five.
+bool resect(const std::array<Vector3d, 5>& bearings, const std::array<Vector3d, 5>& points, Rigid3* pose) {
+  std::array<Rigid3, 4> poses;
+  const int count = p3p(std::span(bearings).first<3>(), std::span(points).first<3>(), &poses);
+  double best = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < count; ++k) {
+    double error = 0;
+    for (int i = 3; i < 5; ++i) error += ((poses[k] * points[i]).normalized() - bearings[i]).squaredNorm();
+    if (error < best) best = error, *pose = poses[k];
+  }
+  return count > 0;
+}
+
+int MotionRansac::generate(const std::array<int, 5>& sample, std::array<ThreeViewMotion, 10>* motions) const {
+  std::array<std::array<Vector3d, 5>, 3> b;
+  for (int v = 0; v < 3; ++v) {
+    for (int i = 0; i < 5; ++i) b[v][i] = bearings_.views[v][sample[i]];
+  }
+  std::array<Matrix3d, 10> essentials;
+  const int count = five_point(b[0], b[2], &essentials);
+  int found = 0;
+  for (int k = 0; k < count; ++k) {
+    ThreeViewMotion& motion = (*motions)[found];
+    if (choose_pose(essentials[k], b[0], b[2], &motion.cam2_from_cam0) < 5) continue;
+    const Rigid3 cam0_from_cam2 = motion.cam2_from_cam0.inverse();
+    std::array<Vector3d, 5> points;
+    bool triangulated = true;
+    for (int i = 0; i < 5; ++i) {
+      triangulated =
+          triangulated &&
+          triangulate_midpoint({Vector3d::Zero(), b[0][i]},
+                               {cam0_from_cam2.translation, cam0_from_cam2.rotation * b[2][i]}, &points[i]);
+    }
+    if (triangulated && resect(b[1], points, &motion.cam1_from_cam0)) ++found;
+  }
+  return found;
+}
+
+RansacScore MotionRansac::score(const ThreeViewMotion& motion, double limit) const {
+  const Frames frames(motion);
+  RansacScore score{.cost = 0, .inliers = 0};
+  for (int i = 0; i < size(); ++i) {
+    const double e = error(frames, i);
+    score.inliers += e < 1;
+    score.cost += std::min(e, 1.0);
+    if (score.cost > limit) return {};
+  }
+  return score;
+}
+
+// Triangulates every match from the three views and decides on the inliers; fills points, marks and figures.
+void map_points(const ThreeViewBearings& bearings, double max_error, ThreeViewStart* start) {
+  const Rigid3 cam0_from_cam1 = start->cam1_from_cam0.inverse(),
+               cam0_from_cam2 = start->cam2_from_cam0.inverse();
+  std::vector<double> parallax;
+  double squared = 0;
+  start->inlier_count = 0;
+  for (int i = 0; i < bearings.size(); ++i) {
+    const Vector3d in_cam0 = cam0_from_cam2.rotation * bearings.views[2][i];
+    const std::array<Ray, 3> rays = {
+        Ray{Vector3d::Zero(), bearings.views[0][i]},
+        Ray{cam0_from_cam1.translation, cam0_from_cam1.rotation * bearings.views[1][i]},
+        Ray{cam0_from_cam2.translation, in_cam0}};
+    Triangulation point;
+    start->inlier[i] = triangulate(rays, &point) && point.max_angle <= max_error;
+    if (!start->inlier[i]) continue;
+    start->points_in_cam0[i] = point.point;
+    ++start->inlier_count;
+    squared += point.rms_angle * point.rms_angle;
+    parallax.push_back(angle_between(in_cam0, bearings.views[0][i]));
+  }
+  start->median_parallax = median(&parallax);
+  start->rms_error = std::sqrt(squared / std::max(1, start->inlier_count));
+}
+
+// Both refinements of the search's best motion: on its inliers, then on those of the first.
+void polish(const ThreeViewBearings& bearings, double max_error, std::vector<int> inliers,
+            ThreeViewMotion motion, ThreeViewStart* start) {
+  constexpr int kRounds = 2, kIterations = 15;
+  ThreeViewRefiner refiner;
+  for (int round = 0; round < kRounds; ++round) {
+    refiner.refine(bearings, inliers, kIterations, &motion);
+    start->cam1_from_cam0 = motion.cam1_from_cam0;
+    start->cam2_from_cam0 = motion.cam2_from_cam0;
+    map_points(bearings, max_error, start);
+    inliers.clear();
+    for (int i = 0; i < bearings.size(); ++i) {
+      if (start->inlier[i]) inliers.push_back(i);
+    }
+  }
+}
+
+StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewOptions& options) {
+  const bool rotation = start.rotation_inliers >= options.min_inliers &&
+                        start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
+  if (rotation) return StartProblem::kRotationOnly;
+  if (start.inlier_count < options.min_inliers || start.inlier_count < options.min_inlier_ratio * matches) {
+    return StartProblem::kTooFewInliers;
+  }
+  if (start.median_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
+  return StartProblem::kNone;
+}
+
+}  // namespace
+
+ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
+                                      std::span<const Vector3d> bearings1,
+                                      std::span<const Vector3d> bearings2, const ThreeViewOptions& options) {
+  const ThreeViewBearings bearings{{bearings0, bearings1, bearings2}};
+  const int count = bearings.size();
+  ThreeViewStart start;
+  start.points_in_cam0.assign(count, Vector3d::Zero());
+  start.inlier.assign(count, 0);
+  if (count < std::max(5, options.min_matches)) return start;
+
+  std::vector<double> displacement(count);
+  for (int i = 0; i < count; ++i) displacement[i] = angle_between(bearings0[i], bearings2[i]);
+  start.median_displacement = median(&displacement);
+  start.problem = StartProblem::kNoMotion;
+  if (!(start.median_displacement >= options.min_displacement)) return start;
+
+  const RansacOptions search{.max_iterations = options.max_iterations,
+                             .confidence = options.confidence,
+                             .seed = options.seed,
+                             .stream = options.stream};
+  RotationRansac rotations(bearings0, bearings2, options.max_error);
+  Matrix3d rotation = Matrix3d::Identity();
+  start.rotation_inliers = ransac(rotations, search, &rotation).score.inliers;
+
+  MotionRansac motions(bearings, options.max_error);
+  ThreeViewMotion motion;
+  const RansacReport report = ransac(motions, search, &motion);
+  start.iterations = report.iterations;
+  if (report.found()) {
+    std::vector<int> inliers;
+    motions.collect_inliers(motion, &inliers);
+    polish(bearings, options.max_error, std::move(inliers), motion, &start);
+  }
+  start.problem = diagnose(start, count, options);
+  return start;
+}
+
+std::string describe(const ThreeViewStart& start) {
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  const size_t matches = start.inlier.size();
+  char text[200] = "";
+  switch (start.problem) {
+    case StartProblem::kNone:
+      std::snprintf(text, sizeof text, "%d of %zu matches agree, median parallax %.2f degrees",
+                    start.inlier_count, matches, kDegrees * start.median_parallax);
+      break;
+    case StartProblem::kTooFewMatches:
+      std::snprintf(text, sizeof text, "too few matches (%zu) over three views", matches);
+      break;
+    case StartProblem::kNoMotion:
+      std::snprintf(text, sizeof text, "no motion: the median match moves %.2f degrees",
+                    kDegrees * start.median_displacement);
+      break;
+    case StartProblem::kRotationOnly:
+      std::snprintf(text, sizeof text,
+                    "rotation without translation: it explains %d of %zu matches, a full motion %d",
+                    start.rotation_inliers, matches, start.inlier_count);
+      break;
+    case StartProblem::kTooFewInliers:
+      std::snprintf(text, sizeof text, "no rigid motion explains the matches: %d of %zu agree",
+                    start.inlier_count, matches);
+      break;
+    case StartProblem::kTooLittleParallax:
+      std::snprintf(text, sizeof text, "too little parallax: median %.2f degrees",
+                    kDegrees * start.median_parallax);
+      break;
+  }
+  return text;
+}
+
+}  // namespace raysfm
