@@ -1,5 +1,6 @@
 #include "raysfm/bundle/bundle_adjuster.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <utility>
@@ -16,6 +17,8 @@ namespace raysfm {
 namespace {
 
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+constexpr int kChunk = 4;  // blocks
 
 // Poses, points and what each lane costs there.
 struct State {
@@ -63,7 +66,10 @@ class BundleAdjuster::Workspace {
   double work(State& state, bool linearize);
   template <bool kJacobian, typename Residual>
   double work_on_group(const ObservationLayout::Group& group, const Residual& residual, State& state);
-  void add_block(const ObservationLayout::Group& group, int begin, const RowMajor3& rotation);
+  template <bool kJacobian, typename Residual>
+  double evaluate_block(const Residual& residual, int begin, ObservationBlock& block,
+                        std::vector<double>& lane_cost);
+  void add_block(int begin, const ObservationBlock& block);
   bool projects(const State& state, int lane) const;
   void shorten_steps_of_lost();
   void drop_lost();
@@ -79,7 +85,7 @@ class BundleAdjuster::Workspace {
   std::vector<int> lost_;        // active lanes that did not project in the last pass
   int active_count_ = 0, dropped_ = 0;
   double current_cost_ = 0, trial_cost_ = 0;
-  ObservationBlock block_;
+  ObservationBlock blocks_[kChunk];
   PoseSums pose_sums_;
 };
 
@@ -193,64 +199,78 @@ double BundleAdjuster::Workspace::work(State& state, bool linearize) {
   return cost;
 }
 
+// By chunks of a few blocks: what one loop writes lane by lane, the next reads by whole vectors, and the
+// processor stalls when the two come too close.
 template <bool kJacobian, typename Residual>
 double BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& group,
                                                 const Residual& residual, State& state) {
-  const RowMajor3 rotation = state.poses[group.pose].rotation.toRotationMatrix();
-  const Eigen::Vector3d& translation = state.poses[group.pose].translation;
-  ObservationBlock& block = block_;
+  const Rigid3& pose = state.poses[group.pose];
+  const RowMajor3 rotation = pose.rotation.toRotationMatrix();
+  const bool moves = group.system_pose >= 0;
+  if (kJacobian && moves) std::memset(&pose_sums_, 0, sizeof(pose_sums_));
   double cost = 0;
-  if (kJacobian && group.system_pose >= 0) std::memset(&pose_sums_, 0, sizeof(pose_sums_));
-  for (int begin = group.begin; begin < group.end; begin += kBundleLanes) {
-    alignas(64) double world[3][kBundleLanes];
-    gather_points(state, &layout_.lanes[begin], world);
-    transform_points(rotation.data(), translation.data(), world, block.x);
-    for (int k = 0; k < kBundleLanes; ++k) {
-      const Eigen::Vector3d x(block.x[0][k], block.x[1][k], block.x[2][k]);
-      const Eigen::Vector2d observed(layout_.u[begin + k], layout_.v[begin + k]);
-      Eigen::Vector2d r;
-      Eigen::Matrix<double, 2, 3> jacobian;
-      double squared = INFINITY;
-      if (active_[begin + k]) {
-        if (residual(x, observed, &r, kJacobian ? &jacobian : nullptr)) squared = r.squaredNorm();
-        if (!std::isfinite(squared)) lost_.push_back(begin + k);
-      }
-      if (!std::isfinite(squared)) {
-        if (kJacobian) clear_lane(block, k);
-        continue;
-      }
-      cost += state.lane_cost[begin + k] = 0.5 * loss_.cost(squared);
-      if (!kJacobian) continue;
-      block.residual[0][k] = r[0], block.residual[1][k] = r[1];
-      for (int c = 0; c < 6; ++c) block.jacobian[c][k] = jacobian(c / 3, c % 3);
-      block.weight[k] = loss_.weight(squared);
+  for (int begin = group.begin; begin < group.end; begin += kChunk * kBundleLanes) {
+    const int count = std::min(kChunk, (group.end - begin) / kBundleLanes);
+    for (int i = 0; i < count; ++i)
+      gather_points(state, &layout_.lanes[begin + i * kBundleLanes], blocks_[i].x);
+    transform_points(rotation.data(), pose.translation.data(), blocks_, count);
+    for (int i = 0; i < count; ++i) {
+      cost += evaluate_block<kJacobian>(residual, begin + i * kBundleLanes, blocks_[i], state.lane_cost);
     }
-    if (kJacobian) add_block(group, begin, rotation);
+    if (!kJacobian) continue;
+    if (moves) {
+      point_and_pose_terms(rotation.data(), blocks_, count, &pose_sums_);
+    } else {
+      point_terms(rotation.data(), blocks_, count);
+    }
+    for (int i = 0; i < count; ++i) add_block(begin + i * kBundleLanes, blocks_[i]);
   }
-  if (kJacobian && group.system_pose >= 0) {
-    SchurSystem::PoseBlock& pose = system_.pose(group.system_pose);
-    add_pose_sums(pose_sums_, pose.u, pose.gradient);
+  if (kJacobian && moves) {
+    SchurSystem::PoseBlock& block = system_.pose(group.system_pose);
+    add_pose_sums(pose_sums_, block.u, block.gradient);
   }
   return cost;
 }
 
-void BundleAdjuster::Workspace::add_block(const ObservationLayout::Group& group, int begin,
-                                          const RowMajor3& rotation) {
-  if (group.system_pose >= 0) {
-    point_and_pose_terms(rotation.data(), &block_, &pose_sums_);
-  } else {
-    point_terms(rotation.data(), &block_);
+// Residuals of eight lanes from their points in the rig's frame; returns their cost.
+template <bool kJacobian, typename Residual>
+double BundleAdjuster::Workspace::evaluate_block(const Residual& residual, int begin, ObservationBlock& block,
+                                                 std::vector<double>& lane_cost) {
+  double cost = 0;
+  for (int k = 0; k < kBundleLanes; ++k) {
+    const Eigen::Vector3d x(block.x[0][k], block.x[1][k], block.x[2][k]);
+    const Eigen::Vector2d observed(layout_.u[begin + k], layout_.v[begin + k]);
+    Eigen::Vector2d r;
+    Eigen::Matrix<double, 2, 3> jacobian;
+    double squared = INFINITY;
+    if (active_[begin + k]) {
+      if (residual(x, observed, &r, kJacobian ? &jacobian : nullptr)) squared = r.squaredNorm();
+      if (!std::isfinite(squared)) lost_.push_back(begin + k);
+    }
+    if (!std::isfinite(squared)) {
+      if (kJacobian) clear_lane(block, k);
+      continue;
+    }
+    cost += lane_cost[begin + k] = 0.5 * loss_.cost(squared);
+    if (!kJacobian) continue;
+    block.residual[0][k] = r[0], block.residual[1][k] = r[1];
+    for (int c = 0; c < 6; ++c) block.jacobian[c][k] = jacobian(c / 3, c % 3);
+    block.weight[k] = loss_.weight(squared);
   }
+  return cost;
+}
+
+void BundleAdjuster::Workspace::add_block(int begin, const ObservationBlock& block) {
   for (int k = 0; k < kBundleLanes; ++k) {
     const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
     if (lane.system_point < 0) continue;
     SchurSystem::PointBlock& point = system_.point(lane.system_point);
-    for (int c = 0; c < 6; ++c) point.v[c] += block_.point[c][k];
-    for (int c = 0; c < 3; ++c) point.gradient[c] += block_.point[6 + c][k];
+    for (int c = 0; c < 6; ++c) point.v[c] += block.point[c][k];
+    for (int c = 0; c < 3; ++c) point.gradient[c] += block.point[6 + c][k];
     if (lane.slot < 0) continue;
     double* cross = system_.cross(lane.slot);
     for (int c = 0; c < 3; ++c) {
-      for (int r = 0; r < 6; ++r) cross[kCrossRows * c + r] += block_.cross[6 * c + r][k];
+      for (int r = 0; r < 6; ++r) cross[kCrossRows * c + r] += block.cross[6 * c + r][k];
     }
   }
 }

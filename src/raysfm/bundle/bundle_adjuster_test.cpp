@@ -264,8 +264,8 @@ TEST(BundleAdjuster, APointThatOvershootsTheCameraIsHeldInView) {
   EXPECT_LT((scene.points[p] - scene.true_points[p]).norm(), 1e-5);
 }
 
-// Pixels so far outside that the linearised step turns the only free pose away from everything it sees: the others
-// would cost no more, and the view that is gone nothing.
+// Pixels so far outside that the linearised step turns the only free pose away from everything it sees: the
+// others would cost no more, and the view that is gone nothing.
 TEST(BundleAdjuster, AStepThatLosesAViewIsRefused) {
   BundleScene scene = make_bundle_scene({.free_poses = 1, .point_error = 0});
   scene.point_is_fixed.assign(scene.points.size(), 1);

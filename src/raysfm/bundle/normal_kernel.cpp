@@ -34,16 +34,17 @@ HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
           hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
 }
 
-void TransformPoints(const double* r, const double* t, const double (*points)[kBundleLanes],
-                     double (*x)[kBundleLanes]) {
+void TransformPoints(const double* r, const double* t, ObservationBlock* blocks, int count) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
-    const Vec px = hn::Load(d, points[0] + lane), py = hn::Load(d, points[1] + lane),
-              pz = hn::Load(d, points[2] + lane);
-    for (int i = 0; i < 3; ++i) {
-      const Vec rotated =
-          dot(hn::Set(d, r[3 * i]), px, hn::Set(d, r[3 * i + 1]), py, hn::Set(d, r[3 * i + 2]), pz);
-      hn::Store(hn::Add(rotated, hn::Set(d, t[i])), d, x[i] + lane);
+  for (int i = 0; i < count; ++i) {
+    double(*x)[kBundleLanes] = blocks[i].x;
+    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+      const Vec px = hn::Load(d, x[0] + lane), py = hn::Load(d, x[1] + lane), pz = hn::Load(d, x[2] + lane);
+      for (int c = 0; c < 3; ++c) {
+        const Vec rotated =
+            dot(hn::Set(d, r[3 * c]), px, hn::Set(d, r[3 * c + 1]), py, hn::Set(d, r[3 * c + 2]), pz);
+        hn::Store(hn::Add(rotated, hn::Set(d, t[c])), d, x[c] + lane);
+      }
     }
   }
 }
@@ -88,9 +89,12 @@ HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock* bl
   return m;
 }
 
-void PointTerms(const double* rotation, ObservationBlock* block) {
+void PointTerms(const double* rotation, ObservationBlock* blocks, int count) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) PointTermsAt(d, rotation, block, lane);
+  for (int i = 0; i < count; ++i) {
+    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d))
+      PointTermsAt(d, rotation, blocks + i, lane);
+  }
 }
 
 // W = [M R; [x]x M R] with M = w A^T A, by columns: M R e_c = (w A)^T (Jp e_c).
@@ -132,14 +136,16 @@ HWY_INLINE void PoseTermsAt(Tag d, const Rows& m, const Vec3& x, const Observati
   add(21, g.x), add(22, g.y), add(23, g.z), add(24, h.x), add(25, h.y), add(26, h.z);
 }
 
-void PointAndPoseTerms(const double* rotation, ObservationBlock* block, PoseSums* sums) {
+void PointAndPoseTerms(const double* rotation, ObservationBlock* blocks, int count, PoseSums* sums) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
-    const Rows m = PointTermsAt(d, rotation, block, lane);
-    const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
-                    hn::Load(d, block->x[2] + lane)};
-    CrossTermsAt(d, m, x, block, lane);
-    PoseTermsAt(d, m, x, *block, sums, lane);
+  for (ObservationBlock* block = blocks; block != blocks + count; ++block) {
+    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+      const Rows m = PointTermsAt(d, rotation, block, lane);
+      const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
+                      hn::Load(d, block->x[2] + lane)};
+      CrossTermsAt(d, m, x, block, lane);
+      PoseTermsAt(d, m, x, *block, sums, lane);
+    }
   }
 }
 
@@ -163,17 +169,17 @@ double lane_sum(const double* lanes) {
 
 }  // namespace
 
-void transform_points(const double* rotation, const double* translation, const double (*points)[kBundleLanes],
-                      double (*x)[kBundleLanes]) {
-  HWY_DYNAMIC_DISPATCH(TransformPoints)(rotation, translation, points, x);
+void transform_points(const double* rotation, const double* translation, ObservationBlock* blocks,
+                      int count) {
+  HWY_DYNAMIC_DISPATCH(TransformPoints)(rotation, translation, blocks, count);
 }
 
-void point_terms(const double* rotation, ObservationBlock* block) {
-  HWY_DYNAMIC_DISPATCH(PointTerms)(rotation, block);
+void point_terms(const double* rotation, ObservationBlock* blocks, int count) {
+  HWY_DYNAMIC_DISPATCH(PointTerms)(rotation, blocks, count);
 }
 
-void point_and_pose_terms(const double* rotation, ObservationBlock* block, PoseSums* sums) {
-  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms)(rotation, block, sums);
+void point_and_pose_terms(const double* rotation, ObservationBlock* blocks, int count, PoseSums* sums) {
+  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms)(rotation, blocks, count, sums);
 }
 
 void add_pose_sums(const PoseSums& sums, double* u, double* gradient) {

@@ -11,7 +11,8 @@ inline constexpr int kBundleLanes = 8;
 //   pose side    Jc = A [I -[x]x]  U = w Jc^T Jc,  gc = w Jc^T r,  W = w Jc^T Jp
 // (left tangent of rig_from_world, geometry/pose.h).
 struct alignas(64) ObservationBlock {
-  // In. Lanes of weight zero may hold any finite numbers.
+  // In. x is the point in the world until transform_points(). Lanes of weight zero may hold any finite
+  // numbers.
   double x[3][kBundleLanes];
   double residual[2][kBundleLanes];
   double jacobian[6][kBundleLanes];  // A by rows
@@ -27,15 +28,16 @@ struct alignas(64) PoseSums {
   double sum[27][kBundleLanes];
 };
 
-// x = R X + t for eight points, x and X by coordinate; R by rows.
-void transform_points(const double* rotation, const double* translation, const double (*points)[kBundleLanes],
-                      double (*x)[kBundleLanes]);
+// All for `count` blocks; R by rows.
 
-// Fills block->point.
-void point_terms(const double* rotation, ObservationBlock* block);
+// x becomes R x + t.
+void transform_points(const double* rotation, const double* translation, ObservationBlock* blocks, int count);
 
-// Fills block->point and block->cross and adds the pose side to `sums`.
-void point_and_pose_terms(const double* rotation, ObservationBlock* block, PoseSums* sums);
+// Fills `point`.
+void point_terms(const double* rotation, ObservationBlock* blocks, int count);
+
+// Fills `point` and `cross` and adds the pose side to `sums`.
+void point_and_pose_terms(const double* rotation, ObservationBlock* blocks, int count, PoseSums* sums);
 
 // Adds the sums over all lanes to U (6x6 by columns, lower triangle) and gc.
 void add_pose_sums(const PoseSums& sums, double* u, double* gradient);

@@ -30,10 +30,9 @@ struct Fixture {
 
   Fixture() {
     Rng rng(3);
-    alignas(64) double points[3][kBundleLanes];
     for (int k = 0; k < kBundleLanes; ++k) {
       world.push_back(test::random_vector(rng, 3));
-      for (int c = 0; c < 3; ++c) points[c][k] = world[k][c];
+      for (int c = 0; c < 3; ++c) block.x[c][k] = world[k][c];
       a.emplace_back();
       for (int c = 0; c < 6; ++c) block.jacobian[c][k] = a[k](c / 3, c % 3) = rng.normal();
       r.emplace_back(rng.normal(), rng.normal());
@@ -41,7 +40,7 @@ struct Fixture {
       weight.push_back(k == 5 ? 0.0 : rng.uniform());
       block.weight[k] = weight[k];
     }
-    transform_points(rotation.data(), pose.translation.data(), points, block.x);
+    transform_points(rotation.data(), pose.translation.data(), &block, 1);
   }
 
   // Derivative of A (pose * X) by the left tangent of the pose and by X, by central differences.
@@ -66,7 +65,7 @@ struct Fixture {
 
 TEST(NormalKernel, IsTheNumericJacobian) {
   Fixture f;
-  point_and_pose_terms(f.rotation.data(), &f.block, &f.sums);
+  point_and_pose_terms(f.rotation.data(), &f.block, 1, &f.sums);
   Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero(), expected_u = u;
   Eigen::Matrix<double, 6, 1> gc = Eigen::Matrix<double, 6, 1>::Zero(), expected_gc = gc;
   add_pose_sums(f.sums, u.data(), gc.data());
@@ -90,8 +89,8 @@ TEST(NormalKernel, IsTheNumericJacobian) {
 
 TEST(NormalKernel, PointSideIsTheSameWithoutThePose) {
   Fixture a, b;
-  point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
-  point_terms(b.rotation.data(), &b.block);
+  point_and_pose_terms(a.rotation.data(), &a.block, 1, &a.sums);
+  point_terms(b.rotation.data(), &b.block, 1);
   EXPECT_EQ(std::memcmp(a.block.point, b.block.point, sizeof(a.block.point)), 0);
 }
 
@@ -102,7 +101,7 @@ TEST(NormalKernel, SameBitsOnEveryInstructionSet) {
     hwy::SetSupportedTargetsForTest(targets & -targets);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());
     results.emplace_back();
-    point_and_pose_terms(results.back().rotation.data(), &results.back().block, &results.back().sums);
+    point_and_pose_terms(results.back().rotation.data(), &results.back().block, 1, &results.back().sums);
   }
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
@@ -129,7 +128,7 @@ TEST(NormalKernel, SevenFreeDirectionsOfTheGauge) {
     for (int c = 0; c < 6; ++c) block.jacobian[c][0] = a(c / 3, c % 3);
     block.weight[0] = 1;
     PoseSums sums{};
-    point_and_pose_terms(rotation.data(), &block, &sums);
+    point_and_pose_terms(rotation.data(), &block, 1, &sums);
     Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero();
     Eigen::Matrix<double, 6, 1> gradient;
     add_pose_sums(sums, u.data(), gradient.data());
