@@ -34,12 +34,14 @@ bool begins_like_image(std::string_view head) {
          (head.starts_with("BM") && head.size() > 14);
 }
 
-// libjpeg fills what is missing of a file that was cut short with grey and says nothing; the end marker
-// tells.
-bool jpeg_cut_short(std::string_view bytes) {
-  return bytes.starts_with("\xff\xd8\xff") &&
-         bytes.find("\xff\xd9", bytes.size() - std::min<size_t>(bytes.size(), 65536)) ==
-             std::string_view::npos;
+// Whether the mark at the end of a JPEG or PNG file is missing. libjpeg fills what is missing with grey and
+// says nothing, libpng prints; so it is better known before.
+bool cut_short(std::string_view bytes) {
+  constexpr size_t kTail = 65536;  // some cameras append data of their own
+  const std::string_view tail = bytes.substr(bytes.size() - std::min(bytes.size(), kTail));
+  if (bytes.starts_with("\xff\xd8\xff")) return tail.find("\xff\xd9") == std::string_view::npos;
+  if (bytes.starts_with("\x89PNG")) return tail.find("IEND") == std::string_view::npos;
+  return false;
 }
 
 template <typename Pixels>
@@ -93,7 +95,7 @@ Result<DecodedImage> read_image(const fs::path& path) {
   if (!begins_like_image(*bytes)) {
     return bad_input(fmt::format("{}: no image; allowed: PNG, JPEG, BMP, TIFF, PNM, WebP", path.string()));
   }
-  const cv::Mat mat = jpeg_cut_short(*bytes) ? cv::Mat() : decoded(*bytes);
+  const cv::Mat mat = cut_short(*bytes) ? cv::Mat() : decoded(*bytes);
   if (mat.empty())
     return bad_input(fmt::format("{}: the image is damaged and cannot be decoded", path.string()));
   if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
