@@ -25,9 +25,9 @@ void FeatureGrid::build(std::span<const Eigen::Vector2f> pixels, int width, int 
   for (const Eigen::Vector2f& p : pixels) ++starts_[cell(p) + 2];
   for (size_t c = 2; c < starts_.size(); ++c) starts_[c] += starts_[c - 1];
   size_ = static_cast<int>(pixels.size());
-  indices_.resize(pixels.size() + kReadable);
-  xs_.resize(pixels.size() + kReadable);
-  ys_.resize(pixels.size() + kReadable);
+  indices_.resize(pixels.size());
+  xs_.resize(pixels.size());
+  ys_.resize(pixels.size());
   for (int i = 0; i < size_; ++i) {
     const int place = starts_[cell(pixels[i]) + 1]++;
     indices_[place] = i;

@@ -42,9 +42,7 @@ class FeatureGrid {
     }
   }
 
-  // Pixels by cell, and their indices in the span given to build(). kReadable elements behind the last may be
-  // read too.
-  static constexpr int kReadable = 16;
+  // Pixels by cell, and their indices in the span given to build().
   const float* xs() const { return xs_.data(); }
   const float* ys() const { return ys_.data(); }
   const int* indices() const { return indices_.data(); }
