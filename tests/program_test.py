@@ -69,6 +69,136 @@ def spiral(count=50):
     return [(0.1 * i, 0.01 * i * math.cos(0.3 * i), 0.05 * i, 0.01 * i * math.sin(0.3 * i)) for i in range(count)]
 
 
+class Synth(ProgramTest):
+    def test_list(self):
+        done = run("synth", "--list")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        for word in ("street", "room", "corridor", "town", "board", "drive", "loop", "handheld", "orbit", "rotate"):
+            self.assertIn(word, done.stdout)
+
+    def test_layout(self):
+        out = self.folder / "sequence"
+        done = run("synth", "room", "--frames", 3, "--samples", 1, "--out", out, "--quiet")
+        self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "", ""))
+        self.assertEqual(len(list((out / "images").glob("*.png"))), 3)
+        self.assertEqual(len((out / "times.txt").read_text().splitlines()), 3)
+        self.assertIn("raysfm_camera: 1", (out / "camera.yaml").read_text())
+        truth = [line for line in (out / "truth.txt").read_text().splitlines() if not line.startswith("#")]
+        self.assertEqual([len(line.split()) for line in truth], [8, 8, 8])
+
+    def test_same_seed_same_bytes(self):
+        for name, options in {"a": ["--threads", 1], "b": ["--threads", 3], "c": ["--seed", 5]}.items():
+            run("synth", "street", "--frames", 1, "--samples", 1, "--out", self.folder / name, *options)
+        a, b, c = ((self.folder / name / "images" / "000000.png").read_bytes() for name in "abc")
+        self.assertEqual(a, b)
+        self.assertNotEqual(a, c)
+
+    def test_bad_input(self):
+        out = self.folder / "out"
+        self.refused("synth", says=["WORLD"])
+        self.refused("synth", "nowhere", "--out", out, says=["nowhere", "street"])
+        self.refused("synth", "street", says=["--out"])
+        self.refused("synth", "street", "--motion", "swim", "--out", out, says=["swim", "drive"])
+        self.refused("synth", "street", "--noise", "-1", "--out", out, says=["noise", "-1"])
+        self.refused("synth", "street", "--camera", self.folder / "missing.yaml", "--out", out,
+                     says=["missing.yaml", "no such file"])
+        occupied = self.file("occupied", "")
+        self.refused("synth", "street", "--frames", "1", "--out", occupied / "out", says=[occupied])
+        self.file("full/images/1.png", "")
+        self.refused("synth", "street", "--frames", "1", "--out", self.folder / "full", says=["not empty"])
+
+
+CAMERA = """raysfm_camera: 1
+cameras:
+  - name: front
+    model: pinhole
+    resolution: [64, 48]
+    intrinsics: {fx: 50, fy: 50, cx: 31.5, cy: 23.5}
+"""
+
+
+class Track(ProgramTest):
+    def setUp(self):
+        super().setUp()
+        self.camera = self.file("camera.yaml", CAMERA)
+        self.out = self.folder / "out"
+
+    def images(self, name, count, size=(64, 48), level=lambda x, y: (7 * x + 13 * y) % 256):
+        width, height = size
+        for i in range(count):
+            path = self.folder / name / f"{i:03}.pgm"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            pixels = bytes(level(x, y) for y in range(height) for x in range(width))
+            path.write_bytes(b"P5 %d %d 255\n" % size + pixels)
+        return self.folder / name
+
+    def test_bad_input(self):
+        images = self.images("images", 3)
+        missing = self.folder / "missing"
+        self.refused("track", missing, "--camera", self.camera, "--out", self.out, says=[missing])
+        self.refused("track", images, "--camera", missing, "--out", self.out, says=[missing])
+        self.refused("track", images, "--out", self.out, says=["--camera"])
+        bad = self.file("bad.yaml", CAMERA.replace("fx: 50", "fx: -50"))
+        self.refused("track", images, "--camera", bad, "--out", self.out, says=["bad.yaml", "fx", "-50"])
+        (self.folder / "empty").mkdir()
+        self.refused("track", self.folder / "empty", "--camera", self.camera, "--out", self.out, says=["empty"])
+        noise = self.file("video.mp4", "this is no video")
+        self.refused("track", noise, "--camera", self.camera, "--out", self.out, says=["video.mp4"])
+        large = self.images("large", 2, size=(128, 96))
+        self.refused("track", large, "--camera", self.camera, "--out", self.out, says=["64", "128"])
+        config = self.file("config.yaml", "no_such_option: 1\n")
+        self.refused("track", images, "--camera", self.camera, "--out", self.out, "--config", config,
+                     says=["config.yaml", "no_such_option"])
+        self.assertFalse(self.out.exists())
+
+    def test_nothing_to_see_is_no_reconstruction(self):
+        grey = self.images("grey", 5, level=lambda x, y: 128)
+        done = run("track", grey, "--camera", self.camera, "--out", self.out, "--quiet")
+        self.assertEqual((done.returncode, done.stdout), (3, ""), done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+
+    def test_unwritable_output(self):
+        grey = self.images("grey", 2, level=lambda x, y: 128)
+        occupied = self.file("occupied", "")
+        self.refused("track", grey, "--camera", self.camera, "--out", occupied / "out", "--quiet", says=[occupied])
+
+
+class FromSynthToEval(ProgramTest):
+    def test_street(self):
+        sequence, out = self.folder / "street", self.folder / "out"
+        done = run("synth", "street", "--frames", 60, "--fps", 7.5, "--length", 9.4, "--out", sequence, "--quiet")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        done = run("track", sequence, "--out", out, "--quiet")
+        self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "", ""))
+        for name in ("trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "report.json", "config.yaml",
+                     "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"):
+            self.assertGreater((out / name).stat().st_size, 8, name)
+        report = json.loads((out / "report.json").read_text())
+        self.assertEqual(report["frames"]["total"], 60)
+        self.assertEqual(report["frames"]["posed"], 60)
+        self.assertEqual(report["camera_class"], "central")
+        self.assertEqual(report["error"], "pixel")
+        self.assertEqual(report["scale"], "arbitrary")
+        self.assertEqual(len(report["segments"]), 1)
+        self.assertLess(report["rms_reprojection_px"], 1)
+        self.assertGreater(report["timing"]["frames_per_second"], 0)
+        done = run("eval", out, sequence, "--json")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        result = json.loads(done.stdout)
+        self.assertEqual(result["coverage"], 1)
+        self.assertAlmostEqual(result["length_m"], 9.4, delta=0.3)
+        self.assertLess(result["ate"]["mean"], 0.01 * result["length_m"])
+
+    def test_threads_change_nothing(self):
+        sequence = self.folder / "street"
+        run("synth", "street", "--frames", 20, "--fps", 7.5, "--length", 3.2, "--out", sequence, "--quiet")
+        for threads in ("1", "3"):
+            done = run("track", sequence, "--out", self.folder / threads, "--threads", threads, "--quiet")
+            self.assertEqual(done.returncode, 0, done.stderr)
+        for name in ("trajectory.txt", "covariance.csv", "points.ply", "sparse/images.bin"):
+            self.assertEqual((self.folder / "1" / name).read_bytes(), (self.folder / "3" / name).read_bytes(), name)
+
+
 class Eval(ProgramTest):
     def setUp(self):
         super().setUp()
@@ -133,6 +263,7 @@ class Eval(ProgramTest):
         self.refused("eval", self.truth, self.truth, "--max-dt", "nan", says=["--max-dt", "nan"])
         self.refused("eval", self.truth, self.truth, "--plot", self.folder / "no" / "plot.png",
                      says=["plot.png", "No such file or directory"])
+        self.refused("eval", self.truth, self.truth, "--config", bad, says=["--config"])
         short = self.file("short.txt", tum(spiral()[:2]))
         self.refused("eval", short, self.truth, says=["2 poses", "at least 3"])
         self.assertEqual(run("eval", self.truth, self.truth, "--align", "affine").returncode, 2)

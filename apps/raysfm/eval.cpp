@@ -73,6 +73,7 @@ std::string as_table(const Evaluation& e, const Trajectory& truth, const EvalOpt
 }
 
 Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
+  if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
   if (!(options.max_dt >= 0) || !std::isfinite(options.max_dt)) {
     return bad_input(fmt::format("--max-dt: {} is not allowed, seconds from 0 are", options.max_dt));
   }
