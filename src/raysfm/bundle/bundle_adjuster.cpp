@@ -236,6 +236,7 @@ double BundleAdjuster::Workspace::work_on_group(const ObservationLayout::Group& 
 template <bool kJacobian, typename Residual>
 double BundleAdjuster::Workspace::evaluate_block(const Residual& residual, int begin, ObservationBlock& block,
                                                  std::vector<double>& lane_cost) {
+  const RobustLoss loss = loss_;
   double cost = 0;
   for (int k = 0; k < kBundleLanes; ++k) {
     const Eigen::Vector3d x(block.x[0][k], block.x[1][k], block.x[2][k]);
@@ -251,11 +252,11 @@ double BundleAdjuster::Workspace::evaluate_block(const Residual& residual, int b
       if (kJacobian) clear_lane(block, k);
       continue;
     }
-    cost += lane_cost[begin + k] = 0.5 * loss_.cost(squared);
+    cost += lane_cost[begin + k] = 0.5 * loss.cost(squared);
     if (!kJacobian) continue;
     block.residual[0][k] = r[0], block.residual[1][k] = r[1];
     for (int c = 0; c < 6; ++c) block.jacobian[c][k] = jacobian(c / 3, c % 3);
-    block.weight[k] = loss_.weight(squared);
+    block.weight[k] = loss.weight(squared);
   }
   return cost;
 }
@@ -264,7 +265,7 @@ void BundleAdjuster::Workspace::add_block(int begin, const ObservationBlock& blo
   for (int k = 0; k < kBundleLanes; ++k) {
     const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
     if (lane.system_point < 0) continue;
-    SchurSystem::PointBlock& point = system_.point(lane.system_point);
+    PointBlock& point = system_.point(lane.system_point);
     for (int c = 0; c < 6; ++c) point.v[c] += block.point[c][k];
     for (int c = 0; c < 3; ++c) point.gradient[c] += block.point[6 + c][k];
     if (lane.slot < 0) continue;

@@ -13,9 +13,64 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using Tag = hn::CappedTag<double, kCrossRows>;
+constexpr int kPointLanes = 8;
 
 // Products and sums are never fused, and each number is summed in the order of the slots: every target gives
 // the same bits.
+
+// diagonal + damping * diagonal, where a diagonal of zero counts as one.
+template <class V>
+HWY_INLINE V Damped(V diagonal, double damping) {
+  const Tag d;
+  const V scale = hn::IfThenElse(hn::Eq(diagonal, hn::Zero(d)), hn::Set(d, 1.0), diagonal);
+  return hn::Add(diagonal, hn::Mul(hn::Set(d, damping), scale));
+}
+
+template <class V>
+HWY_INLINE V InverseRoot(V pivot) {
+  return hn::Div(hn::Set(Tag(), 1.0), hn::Sqrt(pivot));
+}
+
+// From nine numbers of each of eight points, v and gp, to their factors, in place.
+void FactorizeLanes(double (*lanes)[kPointLanes], double damping) {
+  const Tag d;
+  const auto floor = hn::Set(d, 1e-14);
+  for (size_t lane = 0; lane < kPointLanes; lane += hn::Lanes(d)) {
+    const auto load = [&](int k) HWY_ATTR { return hn::Load(d, lanes[k] + lane); };
+    const auto d0 = Damped(load(0), damping), d1 = Damped(load(3), damping), d2 = Damped(load(5), damping);
+    const auto i00 = InverseRoot(d0);
+    const auto l10 = hn::Mul(load(1), i00), l20 = hn::Mul(load(2), i00);
+    const auto i11 = InverseRoot(hn::Max(hn::Sub(d1, hn::Mul(l10, l10)), hn::Mul(floor, d1)));
+    const auto l21 = hn::Mul(hn::Sub(load(4), hn::Mul(l20, l10)), i11);
+    const auto rest = hn::Sub(hn::Sub(d2, hn::Mul(l20, l20)), hn::Mul(l21, l21));
+    const auto i22 = InverseRoot(hn::Max(rest, hn::Mul(floor, d2)));
+    const auto i10 = hn::Neg(hn::Mul(l10, hn::Mul(i00, i11)));
+    const auto i20 = hn::Neg(hn::Mul(hn::Add(hn::Mul(l20, i00), hn::Mul(l21, i10)), i22));
+    const auto i21 = hn::Neg(hn::Mul(l21, hn::Mul(i11, i22)));
+    const auto g0 = load(6), g1 = load(7), g2 = load(8);
+    const auto store = [&](int k, auto v) HWY_ATTR { hn::Store(v, d, lanes[k] + lane); };
+    store(0, i00), store(1, i10), store(2, i11), store(3, i20), store(4, i21), store(5, i22);
+    store(6, hn::Mul(i00, g0));
+    store(7, hn::Add(hn::Mul(i10, g0), hn::Mul(i11, g1)));
+    store(8, hn::Add(hn::Add(hn::Mul(i20, g0), hn::Mul(i21, g1)), hn::Mul(i22, g2)));
+  }
+}
+
+void FactorizePoints(const PointBlock* points, int count, double damping, double* factors) {
+  alignas(64) double lanes[kFactorSize][kPointLanes] = {};
+  for (int begin = 0; begin < count; begin += kPointLanes) {
+    const int used = count - begin < kPointLanes ? count - begin : kPointLanes;
+    for (int k = 0; k < used; ++k) {
+      const PointBlock& point = points[begin + k];
+      for (int c = 0; c < 6; ++c) lanes[c][k] = point.v[c];
+      for (int c = 0; c < 3; ++c) lanes[6 + c][k] = point.gradient[c];
+    }
+    FactorizeLanes(lanes, damping);
+    for (int k = 0; k < kPointLanes; ++k) {
+      for (int c = 0; c < kFactorSize; ++c) factors[size_t{kFactorSize} * (begin + k) + c] = lanes[c][k];
+    }
+  }
+}
 
 void ScaleSlots(int point_count, const int* point_begin, const int* pose_of_slot, const double* factors,
                 const double* w, double* z, double* right) {
@@ -88,8 +143,13 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace raysfm {
 
+HWY_EXPORT(FactorizePoints);
 HWY_EXPORT(ScaleSlots);
 HWY_EXPORT(SubtractProducts);
+
+void factorize_points(const PointBlock* points, int count, double damping, double* factors) {
+  HWY_DYNAMIC_DISPATCH(FactorizePoints)(points, count, damping, factors);
+}
 
 void scale_slots(int point_count, const int* point_begin, const int* pose_of_slot, const double* factors,
                  const double* w, double* z, double* right) {

@@ -11,27 +11,6 @@ double scale_of(double diagonal) {
   return diagonal == 0 ? 1.0 : diagonal;
 }
 
-// L^-1 of the damped V = L L^T, lower by rows. A point that one ray alone holds has a pivot as small as the
-// damping; the floor keeps rounding from making it negative.
-void invert_factor(const double* v, double damping, double* inverse) {
-  constexpr double kSmallestPivot = 1e-14;
-  const double d0 = v[0] + damping * scale_of(v[0]);
-  const double d1 = v[3] + damping * scale_of(v[3]);
-  const double d2 = v[5] + damping * scale_of(v[5]);
-  const double i00 = 1.0 / std::sqrt(d0);
-  const double l10 = v[1] * i00, l20 = v[2] * i00;
-  const double i11 = 1.0 / std::sqrt(std::max(d1 - l10 * l10, kSmallestPivot * d1));
-  const double l21 = (v[4] - l20 * l10) * i11;
-  const double i22 = 1.0 / std::sqrt(std::max(d2 - l20 * l20 - l21 * l21, kSmallestPivot * d2));
-  const double i10 = -l10 * i00 * i11;
-  inverse[0] = i00;
-  inverse[1] = i10;
-  inverse[2] = i11;
-  inverse[3] = -(l20 * i00 + l21 * i10) * i22;
-  inverse[4] = -l21 * i11 * i22;
-  inverse[5] = i22;
-}
-
 }  // namespace
 
 void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin,
@@ -48,7 +27,7 @@ void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin
   cross_.resize(kCrossSize * pose_of_slot.size());
   scaled_.resize(kCrossSize * pose_of_slot.size());
   eliminated_.resize(kCrossRows * poses_.size());
-  factors_.resize(9 * points_.size());
+  factors_.resize(kFactorSize * (points_.size() + 7));
   right_.resize(6 * poses_.size());
   pose_steps_.resize(6 * poses_.size());
   point_steps_.resize(3 * points_.size());
@@ -133,7 +112,10 @@ void SchurSystem::set_zero() {
 }
 
 LmStep SchurSystem::solve(double damping) {
-  factorize_points(damping);
+  factorize_points(points_.data(), point_count_, damping, factors_.data());
+  std::fill(eliminated_.begin(), eliminated_.end(), 0.0);
+  scale_slots(point_count_, point_begin_.data(), pose_of_slot_.data(), factors_.data(), cross_.data(),
+              scaled_.data(), eliminated_.data());
   reduce(damping);
   if (!reduced_.factorize()) return {};
   reduced_.solve(right_);
@@ -144,21 +126,6 @@ LmStep SchurSystem::solve(double damping) {
   substitute_points();
   const double decrease = predicted_decrease(damping);
   return {std::isfinite(decrease), decrease};
-}
-
-void SchurSystem::factorize_points(double damping) {
-  for (int p = 0; p < point_count_; ++p) {
-    double* inverse = &factors_[9 * static_cast<size_t>(p)];
-    invert_factor(points_[p].v, damping, inverse);
-    const double* g = points_[p].gradient;
-    double* y = inverse + 6;
-    y[0] = inverse[0] * g[0];
-    y[1] = inverse[1] * g[0] + inverse[2] * g[1];
-    y[2] = inverse[3] * g[0] + inverse[4] * g[1] + inverse[5] * g[2];
-  }
-  std::fill(eliminated_.begin(), eliminated_.end(), 0.0);
-  scale_slots(point_count_, point_begin_.data(), pose_of_slot_.data(), factors_.data(), cross_.data(),
-              scaled_.data(), eliminated_.data());
 }
 
 void SchurSystem::reduce(double damping) {
@@ -180,7 +147,7 @@ void SchurSystem::reduce(double damping) {
 
 void SchurSystem::substitute_points() {
   for (int p = 0; p < point_count_; ++p) {
-    const double* inverse = &factors_[9 * static_cast<size_t>(p)];
+    const double* inverse = &factors_[kFactorSize * static_cast<size_t>(p)];
     double y[3] = {inverse[6], inverse[7], inverse[8]};
     for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
       const double* z = &scaled_[kCrossSize * static_cast<size_t>(s)];

@@ -28,10 +28,6 @@ namespace raysfm {
 // Memory only grows; between set_structure() and the last solve() nothing is allocated.
 class SchurSystem {
  public:
-  struct PointBlock {
-    double v[6];         // V: xx, xy, xz, yy, yz, zz
-    double gradient[3];  // gp
-  };
   struct PoseBlock {
     double u[36];        // U by columns, lower triangle
     double gradient[6];  // gc
@@ -68,7 +64,6 @@ class SchurSystem {
   void find_pattern();
   void list_products();
   void sort_products();
-  void factorize_points(double damping);
   void reduce(double damping);
   void substitute_points();
   double predicted_decrease(double damping) const;
@@ -84,7 +79,7 @@ class SchurSystem {
   std::vector<SlotPair> listed_pairs_, pairs_;  // before and after sorting by block
   std::vector<ProductRun> runs_;
   BlockCholesky reduced_;
-  std::vector<double> factors_;       // per point: L^-1 (6, lower by rows) and y (3)
+  std::vector<double> factors_;       // per point: L^-1 and y
   AlignedVector<double> scaled_;      // Z per slot, laid out as W
   AlignedVector<double> eliminated_;  // sum of Z y by pose, kCrossRows numbers of which six are used
   std::vector<double> right_;         // right hand side and solution of S, by position

@@ -144,7 +144,7 @@ TEST(SchurSystem, NotFiniteIsNotValid) {
 // A point held by one ray: V has rank two and only the damping keeps it apart from singular.
 TEST(SchurSystem, PointOnOneRay) {
   RandomBundle bundle(3, 20, 3, 4);
-  SchurSystem::PointBlock& point = bundle.system.point(0);
+  PointBlock& point = bundle.system.point(0);
   const double a[3] = {1, 2, 3}, b[3] = {2, -1, 0.5};
   int k = 0;
   for (int i = 0; i < 3; ++i) {
