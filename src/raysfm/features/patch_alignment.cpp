@@ -30,83 +30,108 @@ constexpr float kMinCurvature = 50.0f;
 
 const hn::CappedTag<float, kRow> kFloats;
 
+// A patch of the reference. The gradients that count are those less their parts along the constant and along
+// the patch itself, which bias and gain would explain: g - mean(g) - (g . v / v . v) v with v the patch less
+// its mean. Only sums with them are needed, so they are never written down.
 struct Template {
-  alignas(64) float value[kArea];  // grey levels less their mean
-  alignas(64) float dx[kArea];     // gradient less its parts along the constant and along `value`
+  alignas(64) float value[kArea];  // grey levels
+  alignas(64) float dx[kArea];     // central differences
   alignas(64) float dy[kArea];
-  float norm2;          // of value
-  float hxx, hxy, hyy;  // inverse of the normal matrix
+  float mean, mean_dx, mean_dy;
+  float along_dx, along_dy;  // g . v / v . v
+  float norm2;               // v . v
+  float hxx, hxy, hyy;       // inverse of the normal matrix
 };
-
-struct Sums {
-  float dx, dy, value;  // products of the sample with the template
-  float one, square;    // of the sample
-};
-
-// Pairwise, in an order that does not depend on the instruction set.
-HWY_INLINE float sum_columns(float* columns) {
-  for (int width = kRow / 2; width > 0; width /= 2) {
-    for (int i = 0; i < width; ++i) columns[i] += columns[i + width];
-  }
-  return columns[0];
-}
-
-HWY_INLINE float dot(const float* HWY_RESTRICT a, const float* HWY_RESTRICT b) {
-  alignas(64) float columns[kRow] = {};
-  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kFloats))) {
-    auto sum = hn::Zero(kFloats);
-    for (int i = c; i < kArea; i += kRow) {
-      sum = hn::Add(sum, hn::Mul(hn::Load(kFloats, a + i), hn::Load(kFloats, b + i)));
-    }
-    hn::Store(sum, kFloats, columns + c);
-  }
-  return sum_columns(columns);
-}
-
-// a <- a - factor * b
-HWY_INLINE void subtract(float* HWY_RESTRICT a, float factor, const float* HWY_RESTRICT b) {
-  for (int i = 0; i < kArea; ++i) a[i] -= factor * b[i];
-}
 
 // One inside the patch, zero in the padding.
 struct Inside {
   constexpr Inside() {
-    for (int i = 0; i < kArea; ++i) value[i] = i % kRow < kSide ? 1.0f : 0.0f;
+    for (int c = 0; c < kSide; ++c) value[c] = 1.0f;
   }
-  alignas(64) float value[kArea] = {};
+  alignas(64) float value[kRow] = {};
 };
 static constexpr Inside kInside;
 
+// Pairwise, in an order that does not depend on the instruction set. `columns` is aligned to 64 bytes.
+HWY_INLINE float sum_columns(const float* HWY_RESTRICT columns) {
+  const hn::CappedTag<float, 8> d8;
+  const hn::CappedTag<float, 4> d4;
+  alignas(32) float a[8], b[4];
+  for (int i = 0; i < 8; i += static_cast<int>(hn::Lanes(d8))) {
+    hn::Store(hn::Add(hn::Load(d8, columns + i), hn::Load(d8, columns + i + 8)), d8, a + i);
+  }
+  for (int i = 0; i < 4; i += static_cast<int>(hn::Lanes(d4))) {
+    hn::Store(hn::Add(hn::Load(d4, a + i), hn::Load(d4, a + i + 4)), d4, b + i);
+  }
+  return (b[0] + b[2]) + (b[1] + b[3]);
+}
+
+template <int kCount>
+struct ColumnSums {
+  alignas(64) float columns[kCount][kRow] = {};
+  template <class V>
+  HWY_INLINE void store(int i, int column, V v) {
+    hn::Store(v, kFloats, columns[i] + column);
+  }
+  HWY_INLINE float operator[](int i) const { return sum_columns(columns[i]); }
+};
+
+// Sums over a patch: of values t and gradients x, y, and of their products.
+struct TemplateSums {
+  float t, x, y, tt, tx, ty, xx, xy, yy;
+};
+
 // Values and central differences of a patch that is sampled with a rim of one pixel.
-HWY_INLINE void load_template(const GrayView& reference, const AffineWindow& window, Template* t) {
+HWY_INLINE TemplateSums load_template(const GrayView& reference, const AffineWindow& window, Template* out) {
   constexpr int kWide = kSide + 2;
   alignas(64) int32_t samples[PatchOffsets<kRadius + 1>::kPadded];
   sample_affine<kRadius + 1>(reference, window, samples);
+
+  const hn::RebindToSigned<decltype(kFloats)> ints;
   constexpr float kScale = 1.0f / (1 << (2 * kWeightBits));
-  for (int r = 0; r < kSide; ++r) {
-    const int32_t* s = samples + (r + 1) * kWide + 1;
-    float* value = t->value + r * kRow;
-    float* dx = t->dx + r * kRow;
-    float* dy = t->dy + r * kRow;
-    for (int c = 0; c < kSide; ++c) {
-      value[c] = static_cast<float>(s[c]) * kScale;
-      dx[c] = static_cast<float>(s[c + 1] - s[c - 1]) * (0.5f * kScale);
-      dy[c] = static_cast<float>(s[c + kWide] - s[c - kWide]) * (0.5f * kScale);
+  ColumnSums<9> sums;
+  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kFloats))) {
+    const auto inside = hn::Load(kFloats, kInside.value + c);
+    const auto scale = hn::Mul(inside, hn::Set(kFloats, kScale));
+    const auto half_scale = hn::Mul(inside, hn::Set(kFloats, 0.5f * kScale));
+    const auto zero = hn::Zero(kFloats);
+    auto st = zero, sx = zero, sy = zero, stt = zero, stx = zero, sty = zero, sxx = zero, sxy = zero,
+         syy = zero;
+    for (int r = 0; r < kSide; ++r) {
+      const int32_t* s = samples + (r + 1) * kWide + 1 + c;
+      const auto difference = [&](int step) HWY_ATTR {
+        return hn::ConvertTo(kFloats, hn::Sub(hn::LoadU(ints, s + step), hn::LoadU(ints, s - step)));
+      };
+      const auto t = hn::Mul(scale, hn::ConvertTo(kFloats, hn::LoadU(ints, s)));
+      const auto x = hn::Mul(half_scale, difference(1)), y = hn::Mul(half_scale, difference(kWide));
+      hn::Store(t, kFloats, out->value + r * kRow + c);
+      hn::Store(x, kFloats, out->dx + r * kRow + c);
+      hn::Store(y, kFloats, out->dy + r * kRow + c);
+      st = hn::Add(st, t), sx = hn::Add(sx, x), sy = hn::Add(sy, y);
+      stt = hn::Add(stt, hn::Mul(t, t)), stx = hn::Add(stx, hn::Mul(t, x)), sty = hn::Add(sty, hn::Mul(t, y));
+      sxx = hn::Add(sxx, hn::Mul(x, x)), sxy = hn::Add(sxy, hn::Mul(x, y)), syy = hn::Add(syy, hn::Mul(y, y));
     }
-    for (int c = kSide; c < kRow; ++c) value[c] = dx[c] = dy[c] = 0;
+    sums.store(0, c, st), sums.store(1, c, sx), sums.store(2, c, sy);
+    sums.store(3, c, stt), sums.store(4, c, stx), sums.store(5, c, sty);
+    sums.store(6, c, sxx), sums.store(7, c, sxy), sums.store(8, c, syy);
   }
+  return {sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]};
 }
 
 // False where the patch does not fix both coordinates.
 HWY_INLINE bool make_template(const GrayView& reference, const AffineWindow& window, Template* t) {
-  load_template(reference, window, t);
-  for (float* layer : {t->value, t->dx, t->dy})
-    subtract(layer, dot(layer, kInside.value) / kCount, kInside.value);
-  t->norm2 = dot(t->value, t->value);
-  if (!(t->norm2 > 0)) return false;
-  for (float* layer : {t->dx, t->dy}) subtract(layer, dot(layer, t->value) / t->norm2, t->value);
-
-  const float xx = dot(t->dx, t->dx), xy = dot(t->dx, t->dy), yy = dot(t->dy, t->dy);
+  const TemplateSums s = load_template(reference, window, t);
+  t->mean = s.t / kCount;
+  t->mean_dx = s.x / kCount;
+  t->mean_dy = s.y / kCount;
+  t->norm2 = s.tt - s.t * t->mean;
+  if (!(t->norm2 > kCount)) return false;  // a standard deviation of one grey level
+  const float tx = s.tx - s.t * t->mean_dx, ty = s.ty - s.t * t->mean_dy;
+  t->along_dx = tx / t->norm2;
+  t->along_dy = ty / t->norm2;
+  const float xx = s.xx - s.x * t->mean_dx - tx * t->along_dx;
+  const float xy = s.xy - s.x * t->mean_dy - tx * t->along_dy;
+  const float yy = s.yy - s.y * t->mean_dy - ty * t->along_dy;
   const float least = 0.5f * (xx + yy - std::sqrt((xx - yy) * (xx - yy) + 4 * xy * xy));
   if (!(least > kMinCurvature)) return false;
   const float det = xx * yy - xy * xy;
@@ -116,10 +141,15 @@ HWY_INLINE bool make_template(const GrayView& reference, const AffineWindow& win
   return true;
 }
 
-// Sums over the patch of the target that begins at `block`, moved by (fx, fy) in [0, 1).
-HWY_INLINE Sums correlate(const Template& t, const PixelBlock& block, float fx, float fy) {
+// Products of a sample with the parts of a template that count, and its variance times kCount.
+struct Correlation {
+  float dx, dy, value, variance;
+};
+
+// With the patch of the target that begins at `block`, moved by (fx, fy) in [0, 1).
+HWY_INLINE Correlation correlate(const Template& t, const PixelBlock& block, float fx, float fy) {
   const hn::Rebind<uint8_t, decltype(kFloats)> bytes;
-  const hn::Rebind<int32_t, decltype(kFloats)> ints;
+  const hn::RebindToSigned<decltype(kFloats)> ints;
   const auto wx = hn::Set(kFloats, fx), wy = hn::Set(kFloats, fy);
   const auto load = [&](const uint8_t* p)
                         HWY_ATTR { return hn::ConvertTo(kFloats, hn::PromoteTo(ints, hn::LoadU(bytes, p))); };
@@ -127,7 +157,7 @@ HWY_INLINE Sums correlate(const Template& t, const PixelBlock& block, float fx, 
     const auto left = load(p);
     return hn::Add(left, hn::Mul(wx, hn::Sub(load(p + 1), left)));
   };
-  alignas(64) float columns[5][kRow] = {};
+  ColumnSums<5> sums;
   for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kFloats))) {
     auto dx = hn::Zero(kFloats), dy = hn::Zero(kFloats), value = hn::Zero(kFloats);
     auto one = hn::Zero(kFloats), square = hn::Zero(kFloats);
@@ -144,14 +174,12 @@ HWY_INLINE Sums correlate(const Template& t, const PixelBlock& block, float fx, 
       square = hn::Add(square, hn::Mul(sample, sample));
       above = below;
     }
-    hn::Store(dx, kFloats, columns[0] + c);
-    hn::Store(dy, kFloats, columns[1] + c);
-    hn::Store(value, kFloats, columns[2] + c);
-    hn::Store(one, kFloats, columns[3] + c);
-    hn::Store(square, kFloats, columns[4] + c);
+    sums.store(0, c, dx), sums.store(1, c, dy), sums.store(2, c, value);
+    sums.store(3, c, one), sums.store(4, c, square);
   }
-  return {sum_columns(columns[0]), sum_columns(columns[1]), sum_columns(columns[2]), sum_columns(columns[3]),
-          sum_columns(columns[4])};
+  const float one = sums[3], value = sums[2] - t.mean * one;
+  return {sums[0] - t.mean_dx * one - t.along_dx * value, sums[1] - t.mean_dy * one - t.along_dy * value,
+          value, sums[4] - one * one / kCount};
 }
 
 PatchAlignment align_patch(const GrayView& reference, const AffineWindow& window, const GrayView& target,
@@ -168,12 +196,11 @@ PatchAlignment align_patch(const GrayView& reference, const AffineWindow& window
     if (!inside) return result;
     const PixelBlock block = readable_block<kSide + 1>(target, static_cast<int>(u) - kRadius,
                                                        static_cast<int>(v) - kRadius, kSide + 1, &buffer);
-    const Sums s = correlate(t, block, p.x() - u, p.y() - v);
+    const Correlation s = correlate(t, block, p.x() - u, p.y() - v);
     // The sample is gain * template + bias, moved; a dark copy (negative gain) is another patch.
     const float gain = s.value / t.norm2;
-    const float variance = s.square - s.one * s.one / kCount;
-    if (!(gain > 0 && variance > 0)) return result;
-    result.zncc = std::min(1.0f, s.value / std::sqrt(t.norm2 * variance));
+    if (!(gain > 0 && s.variance > 0)) return result;
+    result.zncc = std::min(1.0f, s.value / std::sqrt(t.norm2 * s.variance));
     const Eigen::Vector2f step(-(t.hxx * s.dx + t.hxy * s.dy) / gain, -(t.hxy * s.dx + t.hyy * s.dy) / gain);
     p += step;
     if (!((p - initial).squaredNorm() <= options.max_shift_px * options.max_shift_px)) return result;
