@@ -16,20 +16,17 @@ constexpr int kMaskReach = 6;   // pixels; what lies this close to the edge of t
 constexpr int kWindowRows = 5;  // rows of products that one row of response needs
 constexpr int kMaximaRows = 5;  // rows of response that one row of maxima needs
 
-// Rows that are reused in turn.
+// Rows that are reused in turn, their first columns aligned to 64 bytes.
 class RowRing {
  public:
   void reset(int rows, int width) {
-    stride_ = width + 2 * kRowMargin;
-    rows_ = rows;
-    data_.assign(size_t{1} * stride_ * rows, 0.0f);
+    data_.resize(width + 2 * kRowMargin, rows);
+    for (int y = 0; y < rows; ++y) std::fill_n(data_.row(y), data_.width(), 0.0f);
   }
-  float* row(int y) { return data_.data() + size_t{1} * stride_ * (y % rows_) + kRowMargin; }
+  float* row(int y) { return data_.row(y % data_.height()) + kRowMargin; }
 
  private:
-  std::vector<float> data_;
-  int stride_ = 0;
-  int rows_ = 1;
+  Image<float> data_;
 };
 
 // Abscissa of the maximum of the parabola through (-1, a), (0, b), (1, c), where b is not below a and c.
