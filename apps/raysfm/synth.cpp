@@ -79,6 +79,21 @@ Rig with_own_streams(Rig rig) {
   return rig;
 }
 
+// lens.csv, or lens0.csv, lens1.csv, ... where there are several cameras.
+Result<void> write_lens(const synth::Sequence& sequence, const Rig& rig, int frames, const fs::path& out) {
+  for (size_t c = 0; c < rig.cameras.size(); ++c) {
+    std::string text = "timestamp,fx,fy,cx,cy,skew\n";
+    for (int i = 0; i < frames; ++i) {
+      const synth::Lens lens = *synth::lens_of(sequence.camera(i, static_cast<int>(c)));
+      text += fmt::format("{:.9f},{:.9g},{:.9g},{:.9g},{:.9g},0\n", sequence.timestamp(i), lens.fx, lens.fy,
+                          lens.cx, lens.cy);
+    }
+    const std::string name = rig.cameras.size() == 1 ? "lens.csv" : fmt::format("lens{}.csv", c);
+    if (auto r = write_file(out / name, text); !r) return r;
+  }
+  return {};
+}
+
 // Everything beside the images, for the first `frames` frames.
 Result<void> write_truth(const synth::Sequence& sequence, const Rig& rig, int frames, const fs::path& out) {
   Trajectory truth;
@@ -94,7 +109,9 @@ Result<void> write_truth(const synth::Sequence& sequence, const Rig& rig, int fr
                   o.seed, rig.cameras.size() == 1 ? "camera" : "rig");
   if (auto r = write_file(out / "times.txt", times); !r) return r;
   if (auto r = write_trajectory(truth, header, out / "truth.txt"); !r) return r;
-  return write_camera_file(rig, out / "camera.yaml");
+  // A camera file would be wrong for all frames of a zoom but one.
+  return sequence.zooms() ? write_lens(sequence, rig, frames, out)
+                          : write_camera_file(rig, out / "camera.yaml");
 }
 
 class Progress {
@@ -187,13 +204,17 @@ Command add_synth(CLI::App& program, const CommonOptions& common) {
   CLI::App* command = program.add_subcommand("synth", "render a sequence with exact truth");
   synth::SequenceOptions& o = arguments->sequence;
   command->add_option("WORLD", o.world, "what to film; --list names them");
-  command->add_option("--out", arguments->out, "folder to write: images, times.txt, camera.yaml, truth.txt");
+  command->add_option("--out", arguments->out, "folder to write: images, times.txt, truth.txt, camera.yaml");
   command->add_option("--camera", arguments->camera,
                       "camera file; default: 512 x 384 pinhole, 64 degrees wide");
   command->add_option("--motion", o.motion, "how the camera moves; default: the world's own");
   command->add_option("--frames", o.frames, "number of frames")->check(CLI::Range(1, 1000000));
   command->add_option("--fps", o.fps, "frames per second")->check(CLI::PositiveNumber);
   command->add_option("--length", o.length, "metres of motion drive")->check(CLI::PositiveNumber);
+  command
+      ->add_option("--zoom", o.zoom,
+                   "factor by which the focal length grows over the sequence; writes lens.csv")
+      ->capture_default_str();
   command->add_option("--noise", o.render.noise, "standard deviation of the noise, grey levels")
       ->capture_default_str();
   command->add_option("--blur", o.render.shutter, "seconds the shutter stays open")->capture_default_str();

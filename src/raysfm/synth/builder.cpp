@@ -16,6 +16,7 @@ Finish Builder::finish(Pattern pattern, int variant, const Colour& tint, float v
   Finish f;
   f.texture = world_.materials->find(pattern, variant);
   f.period = period_of(pattern);
+  if (pattern == Pattern::kPlaster) f.stains = 0.2f;  // has its own
   const float light = static_cast<float>(random_.uniform(-variety, variety));
   const float hue = static_cast<float>(random_.uniform(-0.5 * variety, 0.5 * variety));
   f.tint = tint * (1.f + light) * Colour(1.f + hue, 1.f, 1.f - hue);

@@ -12,9 +12,10 @@ float speckle(const Texture& noise, float u, float v, float times, int channel) 
   return noise.sample(times * u, times * v, 0.f)[channel] / 255.f - 0.5f;
 }
 
+// Any colour, not too gaudy.
 Colour vivid(int x, int y, uint32_t seed) {
-  return Colour(40.f + 190.f * chance(x, y, seed), 40.f + 190.f * chance(x, y, seed + 1),
-                40.f + 190.f * chance(x, y, seed + 2));
+  const Colour c(chance(x, y, seed), chance(x, y, seed + 1), chance(x, y, seed + 2));
+  return 35.f + 190.f * (0.62f * c + 0.38f * c.mean());
 }
 
 float distance_to_border(float u, float v) {

@@ -43,6 +43,9 @@ class Renderer {
   // `world` and `pool` must outlive it. fits_in_memory(camera, options.samples) must hold.
   Renderer(const World& world, const Camera& camera, const RenderOptions& options, ThreadPool& pool);
 
+  // From now on renders through another camera of the same resolution.
+  void change_lens(const Camera& camera) { grid_ = RayGrid(camera, options_.samples, pool_); }
+
   // Image at `time` (seconds), blue, green, red interleaved: width 3 * camera width. `frame` and
   // `camera_number` choose the noise. Bit-identical for any number of threads.
   Image<uint8_t> render(const Motion& world_from_rig, double time, int frame, int camera_number = 0);

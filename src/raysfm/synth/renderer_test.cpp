@@ -201,10 +201,7 @@ TEST(Renderer, CheckerboardCornersStandWhereTheyProject) {
 
 TEST(Renderer, DistortedCameraRendersWhatItProjects) {
   Camera camera = pinhole(640, 480, 520);
-  Radtan model;
-  model.fx = 500, model.fy = 505, model.cx = 322.3, model.cy = 236.8;
-  model.k1 = -0.28, model.k2 = 0.09, model.p1 = 0.0012, model.p2 = -0.0008;
-  camera.model = model;
+  camera.model = Radtan{500, 505, 322.3, 236.8, -0.28, 0.09, 0.0012, -0.0008};
   int found = 0;
   EXPECT_LT(checkerboard_error(camera, &found), 0.1);
   EXPECT_GE(found, 6);
@@ -291,6 +288,9 @@ TEST(Sequence, BadOptionsAreRefusedInOneLine) {
   o.fps = std::nan("");
   EXPECT_NE(message(o), "");
   o.fps = 0;
+  o.zoom = 0;
+  EXPECT_NE(message(o).find("zoom: 0"), std::string::npos);
+  o.zoom = 1;
   o.render.samples = 5;
   EXPECT_NE(message(o).find("samples: 5"), std::string::npos);
   o = {};
@@ -299,6 +299,26 @@ TEST(Sequence, BadOptionsAreRefusedInOneLine) {
   huge.width = huge.height = 30000;
   EXPECT_FALSE(Sequence::create(o, Rig{{huge}}, pool));
   EXPECT_FALSE(Sequence::create(o, Rig{}, pool));
+}
+
+TEST(Sequence, ZoomMagnifiesAboutThePrincipalPoint) {
+  ThreadPool pool(1);
+  SequenceOptions o;
+  o.world = "board";
+  o.motion = "rotate";
+  o.frames = 11;
+  o.fps = 1e4;  // hardly any motion
+  o.zoom = 1.5;
+  o.render.noise = 0;
+  const auto zooming = Sequence::create(o, {{pinhole(200, 150, 150)}}, pool);
+  o.zoom = 1;
+  const auto fixed = Sequence::create(o, {{pinhole(200, 150, 225)}}, pool);
+  ASSERT_TRUE(zooming && fixed);
+  EXPECT_NEAR(lens_of((*zooming)->camera(0, 0))->fx, 150, 1e-9);
+  EXPECT_NEAR(lens_of((*zooming)->camera(10, 0))->fx, 225, 1e-9);
+  cv::Mat difference;
+  cv::absdiff(gray_mat((*zooming)->render(10, 0)), gray_mat((*fixed)->render(10, 0)), difference);
+  EXPECT_EQ(cv::countNonZero(difference), 0);
 }
 
 TEST(Sequence, ShortDriveKeepsTheUsualSpeed) {

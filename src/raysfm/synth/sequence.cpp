@@ -26,10 +26,11 @@ Result<void> check(const SequenceOptions& o) {
   }
   if (!within(o.render.noise, 0, 100)) return refused("noise", o.render.noise, "0 to 100 grey levels are");
   if (!within(o.render.shutter, 0, 10)) return refused("blur", o.render.shutter, "0 to 10 seconds are");
+  if (!within(o.zoom, 0.1, 10)) return refused("zoom", o.zoom, "0.1 to 10 are");
   return {};
 }
 
-Result<void> check(const Rig& rig, const RenderOptions& options) {
+Result<void> check(const Rig& rig, const SequenceOptions& options) {
   if (rig.cameras.empty()) return bad_input("camera: a rig of no cameras is not allowed, at least one is");
   for (const Camera& camera : rig.cameras) {
     const std::string size = std::to_string(camera.width) + " x " + std::to_string(camera.height);
@@ -37,10 +38,16 @@ Result<void> check(const Rig& rig, const RenderOptions& options) {
       return bad_input("camera " + camera.name + ": resolution: " + size +
                        " is not allowed, the camera file must name one to render with");
     }
-    if (camera.width > 32768 || camera.height > 32768 || !fits_in_memory(camera, options.samples)) {
+    if (camera.width > 32768 || camera.height > 32768 || !fits_in_memory(camera, options.render.samples)) {
       return bad_input("camera " + camera.name + ": resolution: " + size + " with " +
-                       std::to_string(options.samples) + " samples is not allowed, at most " +
+                       std::to_string(options.render.samples) + " samples is not allowed, at most " +
                        std::to_string(kMaxGridPoints) + " rays are");
+    }
+  }
+  for (const Camera& camera : rig.cameras) {
+    if (options.zoom != 1 && !lens_of(camera)) {
+      return bad_input("camera " + camera.name + ": model: " + std::string(model_name(camera.model)) +
+                       " is not allowed with --zoom, models with fx, fy, cx and cy are");
     }
   }
   return {};
@@ -75,7 +82,7 @@ Camera default_camera() {
 Result<std::unique_ptr<Sequence>> Sequence::create(SequenceOptions options, const Rig& rig,
                                                    ThreadPool& pool) {
   if (auto r = check(options); !r) return r.error();
-  if (auto r = check(rig, options.render); !r) return r.error();
+  if (auto r = check(rig, options); !r) return r.error();
   Result<World> world = make_world(options.world, {options.length, options.seed}, pool);
   if (!world) return world.error();
   fill_in(options, *world, usual_length(options.world));
@@ -85,11 +92,27 @@ Result<std::unique_ptr<Sequence>> Sequence::create(SequenceOptions options, cons
   Result<Motion> motion = make_motion(world->stage, world->habit, motion_options);
   if (!motion) return motion.error();
 
-  std::unique_ptr<Sequence> sequence(new Sequence(std::move(options), *std::move(world), *std::move(motion)));
+  std::unique_ptr<Sequence> sequence(
+      new Sequence(std::move(options), rig, *std::move(world), *std::move(motion)));
   for (const Camera& camera : rig.cameras) {
     sequence->renderers_.emplace_back(sequence->world_, camera, sequence->options_.render, pool);
   }
   return sequence;
+}
+
+Camera Sequence::camera(int frame, int number) const {
+  const Camera& given = rig_.cameras[static_cast<size_t>(number)];
+  if (!zooms()) return given;
+  const double part = static_cast<double>(frame) / std::max(frames() - 1, 1);
+  const double factor = zoom_factor(options_.zoom, part);
+  const Lens lens = *lens_of(given);
+  return with_focal_lengths(given, factor * lens.fx, factor * lens.fy);
+}
+
+Image<uint8_t> Sequence::render(int frame, int camera_number) {
+  Renderer& renderer = renderers_[static_cast<size_t>(camera_number)];
+  if (zooms()) renderer.change_lens(camera(frame, camera_number));
+  return renderer.render(motion_, timestamp(frame), frame, camera_number);
 }
 
 }  // namespace raysfm::synth

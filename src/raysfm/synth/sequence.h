@@ -6,6 +6,7 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/synth/renderer.h"
+#include "raysfm/synth/zoom.h"
 
 namespace raysfm::synth {
 
@@ -16,6 +17,7 @@ struct SequenceOptions {
   int frames = 0;     // at most 1000000
   double fps = 0;     // Hz, at most 10000
   double length = 0;  // metres of `drive`; else it goes at the world's usual speed
+  double zoom = 1;    // the focal length grows by this factor from the first frame to the last; [0.1, 10]
   uint64_t seed = 0;
   RenderOptions render;  // its seed is replaced by the one above
 };
@@ -35,16 +37,19 @@ class Sequence {
   const World& world() const { return world_; }
   const SequenceOptions& options() const { return options_; }  // with the defaults filled in
 
+  bool zooms() const { return options_.zoom != 1; }
+  // The camera as it is at a frame: the given one but for its focal lengths.
+  Camera camera(int frame, int number) const;
+
   // Blue, green, red interleaved; see Renderer::render.
-  Image<uint8_t> render(int frame, int camera) {
-    return renderers_[static_cast<size_t>(camera)].render(motion_, timestamp(frame), frame, camera);
-  }
+  Image<uint8_t> render(int frame, int camera);
 
  private:
-  Sequence(SequenceOptions options, World world, Motion motion)
-      : options_(std::move(options)), world_(std::move(world)), motion_(std::move(motion)) {}
+  Sequence(SequenceOptions options, const Rig& rig, World world, Motion motion)
+      : options_(std::move(options)), rig_(rig), world_(std::move(world)), motion_(std::move(motion)) {}
 
   SequenceOptions options_;
+  Rig rig_;
   World world_;
   Motion motion_;
   std::vector<Renderer> renderers_;

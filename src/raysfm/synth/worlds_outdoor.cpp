@@ -126,6 +126,19 @@ std::vector<Vector3d> stadium(double z0, double z1, double half_width, double sp
   return points;
 }
 
+// The same line with points every `spacing` metres along it, so that a curve through them has constant speed.
+std::vector<Vector3d> evenly(const std::vector<Vector3d>& line, double spacing) {
+  std::vector<Vector3d> points = {line.front()};
+  double until = spacing;  // metres to the next point
+  for (size_t i = 1; i < line.size(); ++i) {
+    const Vector3d way = line[i] - line[i - 1];
+    const double length = way.norm();
+    for (; until <= length; until += spacing) points.push_back(line[i - 1] + until / length * way);
+    until -= length;
+  }
+  return points;
+}
+
 }  // namespace
 
 World build_street(Builder b, double length) {
@@ -156,9 +169,9 @@ World build_street(Builder b, double length) {
 
 World build_town(Builder b, double length) {
   // The way out and back are one street with a square at its far end, where the half-turn is.
-  constexpr double kTurn = 5.5, kLane = 1.5;
-  const double turn_length = 2 * kPi * kTurn;  // about, with the swings out and in
-  const double reach = std::max(10.0, 0.5 * (length - turn_length));
+  constexpr double kTurn = 6.5, kLane = 1.5;
+  constexpr double kSquareLength = 54;  // metres of the way in the square
+  const double reach = std::max(10.0, 0.5 * (length - kSquareLength));
   const double z0 = -12, z1 = reach, square = z1 + 34;
   build_road(b, z0, z1);
   build_facades(b, {-kHalfStreet, z0}, {-kHalfStreet, z1});
@@ -186,16 +199,13 @@ World build_town(Builder b, double length) {
   s.spacing = 2;
   const double centre = z1 + 13;
   // Out on the right, round the monument to the left, back on the left.
-  std::vector<Vector3d> corners;
-  for (double z = 0; z < z1 - 1; z += s.spacing) corners.emplace_back(kLane, -kEye, z);
-  const double from = -50 * kPi / 180, to = 230 * kPi / 180;
-  const int steps = static_cast<int>((to - from) * (kTurn + 1) / s.spacing);
-  for (int i = 0; i <= steps; ++i) {
-    const double a = from + (to - from) * i / steps;
-    corners.emplace_back((kTurn + 1) * std::cos(a), -kEye, centre + (kTurn + 1) * std::sin(a));
+  std::vector<Vector3d> line = {{kLane, -kEye, 0}, {kLane, -kEye, z1}};
+  for (int degrees = -50; degrees <= 230; degrees += 10) {
+    const double a = degrees * kPi / 180;
+    line.emplace_back(kTurn * std::cos(a), -kEye, centre + kTurn * std::sin(a));
   }
-  for (double z = z1 - 1; z > -9; z -= s.spacing) corners.emplace_back(-kLane, -kEye, z);
-  s.way = corners;
+  line.insert(line.end(), {{-kLane, -kEye, z1}, {-kLane, -kEye, -9}});
+  s.way = evenly(line, s.spacing);
   s.circuit = stadium(0, z1 - 3, kLane, s.spacing);
   s.eye = {0, -kEye, 3};
   s.centre = {0, -2.2, centre};
