@@ -90,16 +90,15 @@ double ThreeViewRefiner::cost(const ThreeViewMotion& motion, const std::vector<P
   return sum;
 }
 
-// The reduced system of the poses, the points eliminated:
+// The reduced system of the poses, the points eliminated, where the cost is finite:
 //   [ U  W ] [poses ]   [-g]
 //   [ W' V ] [points] = [-h]     (U - W V^-1 W') poses = -g + W V^-1 h,  V block diagonal 3x3.
-double ThreeViewRefiner::linearise(const ThreeViewMotion& motion, double damping, Matrix11d* hessian,
-                                   Vector11d* gradient) {
+void ThreeViewRefiner::linearise(const ThreeViewMotion& motion, double damping, Matrix11d* hessian,
+                                 Vector11d* gradient) {
   const std::array<const Rigid3*, 3> poses = {nullptr, &motion.cam1_from_cam0, &motion.cam2_from_cam0};
   std::array<Matrix3d, 3> rotations = {Matrix3d::Identity()};
   for (int v = 1; v < 3; ++v) rotations[v] = poses[v]->rotation.toRotationMatrix();
   const Eigen::Matrix<double, 2, 3> baseline_tangents = tangent_rows(motion.cam2_from_cam0.translation);
-  double sum = 0;
   Matrix11d u = Matrix11d::Zero();
   Matrix11d reduction = Matrix11d::Zero();
   Vector11d g = Vector11d::Zero();
@@ -111,10 +110,8 @@ double ThreeViewRefiner::linearise(const ThreeViewMotion& motion, double damping
     for (int v = 0; v < 3; ++v) {
       const Vector3d t = v == 0 ? Vector3d::Zero() : poses[v]->translation;
       const Vector3d seen = rotations[v] * point.direction + point.inverse_distance * t;
-      Vector2d r;
-      if (!residual(point.tangents[v], point.bearings[v], seen, &r))
-        return std::numeric_limits<double>::infinity();
-      sum += r.squaredNorm();
+      Vector2d r = Vector2d::Zero();
+      residual(point.tangents[v], point.bearings[v], seen, &r);
       const Eigen::Matrix<double, 2, 3> by_seen =
           (point.tangents[v] - r * point.bearings[v].transpose()) / point.bearings[v].dot(seen);
       Eigen::Matrix<double, 2, 3> by_point;
@@ -151,21 +148,20 @@ double ThreeViewRefiner::linearise(const ThreeViewMotion& motion, double damping
   u.diagonal() *= 1 + damping;
   *hessian = u - reduction;
   *gradient = g;
-  return sum;
 }
 
-void ThreeViewRefiner::refine(const ThreeViewBearings& bearings, std::span<const int> active,
-                              int max_iterations, ThreeViewMotion* motion) {
-  if (active.size() < 5) return;
+double ThreeViewRefiner::refine(const ThreeViewBearings& bearings, std::span<const int> active,
+                                int max_iterations, ThreeViewMotion* motion) {
+  if (active.size() < 5) return std::numeric_limits<double>::infinity();
   start(bearings, active, *motion);
   double damping = 1e-4;
+  double current = cost(*motion, points_);
   Matrix11d hessian;
   Vector11d gradient;
-  for (int iteration = 0; iteration < max_iterations; ++iteration) {
-    const double current = linearise(*motion, damping, &hessian, &gradient);
-    if (!std::isfinite(current)) return;
+  for (int iteration = 0; iteration < max_iterations && std::isfinite(current); ++iteration) {
+    linearise(*motion, damping, &hessian, &gradient);
     const Vector11d step = hessian.ldlt().solve(-gradient);
-    if (!step.allFinite()) return;
+    if (!step.allFinite()) break;
     const ThreeViewMotion next = apply(*motion, step);
     moved_ = points_;
     for (Point& point : moved_) {
@@ -177,14 +173,17 @@ void ThreeViewRefiner::refine(const ThreeViewBearings& bearings, std::span<const
     const double after = cost(next, moved_);
     if (!(after < current)) {
       damping *= 30;
-      if (damping > 1e6) return;
+      if (damping > 1e6) break;
       continue;
     }
+    const bool converged = after > (1 - 1e-5) * current;
     *motion = next;
     points_.swap(moved_);
+    current = after;
     damping = std::max(1e-8, 0.1 * damping);
-    if (after > (1 - 1e-5) * current) return;
+    if (converged) break;
   }
+  return current;
 }
 
 }  // namespace raysfm

@@ -30,9 +30,10 @@ double inverse_distance(const Eigen::Matrix3d& cam2_from_cam0_rotation, const Ei
 // points at infinity do not hurt; the points are eliminated. Keeps its buffers from call to call.
 class ThreeViewRefiner {
  public:
-  // Levenberg-Marquardt on the matches `active` from *motion. The cost never rises.
-  void refine(const ThreeViewBearings& bearings, std::span<const int> active, int max_iterations,
-              ThreeViewMotion* motion);
+  // Levenberg-Marquardt on the matches `active` from *motion. Returns the sum of squares, which never rises;
+  // infinite when a point lies behind a view at the start or there are fewer than five.
+  double refine(const ThreeViewBearings& bearings, std::span<const int> active, int max_iterations,
+                ThreeViewMotion* motion);
 
  private:
   struct Point {
@@ -46,8 +47,8 @@ class ThreeViewRefiner {
     Eigen::Vector3d gradient;
   };
   void start(const ThreeViewBearings& bearings, std::span<const int> active, const ThreeViewMotion& motion);
-  double linearise(const ThreeViewMotion& motion, double damping, Eigen::Matrix<double, 11, 11>* hessian,
-                   Eigen::Matrix<double, 11, 1>* gradient);
+  void linearise(const ThreeViewMotion& motion, double damping, Eigen::Matrix<double, 11, 11>* hessian,
+                 Eigen::Matrix<double, 11, 1>* gradient);
   double cost(const ThreeViewMotion& motion, const std::vector<Point>& points) const;
 
   std::vector<Point> points_, moved_;

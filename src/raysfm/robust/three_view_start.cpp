@@ -1,5 +1,7 @@
 #include "raysfm/robust/three_view_start.h"
 
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
@@ -203,6 +205,12 @@ RansacScore MotionRansac::score(const ThreeViewMotion& motion, double limit) con
   return score;
 }
 
+bool differ(const ThreeViewMotion& a, const ThreeViewMotion& b) {
+  constexpr double kMinAngle = 0.03;  // radians, between directions of translation
+  return angle_between(a.cam2_from_cam0.inverse().translation, b.cam2_from_cam0.inverse().translation) >
+         kMinAngle;
+}
+
 // Triangulates every match from the three views and decides on the inliers; fills points, marks and figures.
 void map_points(const ThreeViewBearings& bearings, double max_error, ThreeViewStart* start) {
   const Rigid3 cam0_from_cam1 = start->cam1_from_cam0.inverse(),
@@ -226,6 +234,94 @@ void map_points(const ThreeViewBearings& bearings, double max_error, ThreeViewSt
   }
   start->median_parallax = median(&parallax);
   start->rms_error = std::sqrt(squared / std::max(1, start->inlier_count));
+}
+
+// The plane n . X = 1 that fits the points of a motion best, in the frame of view 0, by their inverse
+// distances.
+bool fit_plane(const ThreeViewBearings& bearings, std::span<const int> inliers, const ThreeViewMotion& motion,
+               Vector3d* plane) {
+  const Matrix3d rotation = motion.cam2_from_cam0.rotation.toRotationMatrix();
+  Matrix3d a = Matrix3d::Zero();
+  Vector3d b = Vector3d::Zero();
+  for (const int i : inliers) {
+    const Vector3d& bearing = bearings.views[0][i];
+    a += bearing * bearing.transpose();
+    b += bearing *
+         inverse_distance(rotation, motion.cam2_from_cam0.translation, bearing, bearings.views[2][i]);
+  }
+  *plane = a.ldlt().solve(b);
+  return plane->allFinite() && plane->norm() > 1e-6;
+}
+
+// The other motion from view 0 to view 2 that moves the points of a plane the same way. With the homography
+// H = R (I + s n^T), s = R^T t, H^T H = I + n m^T + m n^T, m = s + |s|^2 n / 2: n and m may change places.
+bool planar_twin(const Rigid3& cam2_from_cam0, const Vector3d& n, Rigid3* twin) {
+  const Matrix3d rotation = cam2_from_cam0.rotation.toRotationMatrix();
+  const Vector3d s = rotation.transpose() * cam2_from_cam0.translation;
+  const Vector3d m = s + 0.5 * s.squaredNorm() * n;
+  // The twin's s' = n - y m / 2 with y = |s'|^2.
+  const double a = 0.25 * m.squaredNorm(), b = 1 + n.dot(m), c = n.squaredNorm();
+  const double discriminant = b * b - 4 * a * c;
+  if (!(discriminant >= 0 && a > 1e-12)) return false;
+  double best = 1e-6;  // both motions have the same determinant
+  bool found = false;
+  for (const double sign : {-1.0, 1.0}) {
+    const Vector3d s2 = n - 0.5 * (b + sign * std::sqrt(discriminant)) / (2 * a) * m;
+    const double difference = std::abs(s2.dot(m) - s.dot(n));
+    if (!(difference < best * (1 + std::abs(s.dot(n)))) || std::abs(1 + s2.dot(m)) < 1e-9) continue;
+    best = difference;
+    const Matrix3d r2 = rotation * (Matrix3d::Identity() + s * n.transpose()) *
+                        (Matrix3d::Identity() - s2 * m.transpose() / (1 + s2.dot(m)));
+    twin->rotation = Eigen::Quaterniond(r2).normalized();
+    twin->translation = (r2 * s2).normalized();
+    found = true;
+  }
+  // (s', m) and (-s', -m) are one homography: the plane lies in front where m points.
+  if (m.dot(n) < 0) twin->translation = -twin->translation;
+  return found && twin->rotation.coeffs().allFinite() && twin->translation.allFinite();
+}
+
+// The second motion that coplanar points allow, refined on the inliers; infinite cost when there is none.
+double find_rival(const ThreeViewBearings& bearings, std::span<const int> inliers,
+                  const ThreeViewMotion& best, const MotionRansac& motions, ThreeViewMotion* rival) {
+  constexpr int kResections = 10, kIterations = 15;
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  Vector3d plane;
+  ThreeViewMotion candidate;
+  if (!fit_plane(bearings, inliers, best, &plane)) return kNone;
+  if (!planar_twin(best.cam2_from_cam0, plane, &candidate.cam2_from_cam0)) return kNone;
+  const Matrix3d rotation = candidate.cam2_from_cam0.rotation.toRotationMatrix();
+  RansacScore score;
+  std::array<Vector3d, 5> b1, points;
+  std::array<int, 5> sample;
+  Rng rng(inliers.size());
+  for (int k = 0; k < kResections; ++k) {
+    draw_sample(rng, static_cast<int>(inliers.size()), &sample);
+    for (int j = 0; j < 5; ++j) {
+      const int i = inliers[sample[j]];
+      const double rho = inverse_distance(rotation, candidate.cam2_from_cam0.translation,
+                                          bearings.views[0][i], bearings.views[2][i]);
+      b1[j] = bearings.views[1][i];
+      points[j] = bearings.views[0][i] / std::max(rho, 1e-6);
+    }
+    if (!resect(b1, points, &candidate.cam1_from_cam0)) continue;
+    const RansacScore other = motions.score(candidate, score.cost);
+    if (other.cost < score.cost) score = other, *rival = candidate;
+  }
+  if (!std::isfinite(score.cost)) return kNone;
+  const double cost = ThreeViewRefiner().refine(bearings, inliers, kIterations, rival);
+  return differ(*rival, best) ? cost : kNone;
+}
+
+// Refines the search's best motion on its inliers and makes sure that no other fits them better.
+ThreeViewMotion best_of_two(const ThreeViewBearings& bearings, std::span<const int> inliers,
+                            const MotionRansac& motions, ThreeViewMotion motion, double* rival_cost) {
+  constexpr int kIterations = 15;
+  const double cost = ThreeViewRefiner().refine(bearings, inliers, kIterations, &motion);
+  ThreeViewMotion rival;
+  const double other = find_rival(bearings, inliers, motion, motions, &rival);
+  *rival_cost = std::isfinite(other) ? std::max(other, cost) / std::min(other, cost) : 0;
+  return other < cost ? rival : motion;
 }
 
 // Both refinements of the search's best motion: on its inliers, then on those of the first.
@@ -252,6 +348,7 @@ StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewO
   if (start.inlier_count < options.min_inliers || start.inlier_count < options.min_inlier_ratio * matches) {
     return StartProblem::kTooFewInliers;
   }
+  if (start.rival_cost > 0 && start.rival_cost < options.min_rival_cost) return StartProblem::kAmbiguous;
   if (start.median_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
   return StartProblem::kNone;
 }
@@ -289,6 +386,9 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
   if (report.found()) {
     std::vector<int> inliers;
     motions.collect_inliers(motion, &inliers);
+    if (inliers.size() >= 5) {
+      motion = best_of_two(bearings, inliers, motions, motion, &start.rival_cost);
+    }
     polish(bearings, options.max_error, std::move(inliers), motion, &start);
   }
   start.problem = diagnose(start, count, options);
@@ -319,6 +419,11 @@ std::string describe(const ThreeViewStart& start) {
     case StartProblem::kTooFewInliers:
       std::snprintf(text, sizeof text, "no rigid motion explains the matches: %d of %zu agree",
                     start.inlier_count, matches);
+      break;
+    case StartProblem::kAmbiguous:
+      std::snprintf(text, sizeof text,
+                    "ambiguous: a second motion fits %d of %zu matches with %.2f times the cost",
+                    start.inlier_count, matches, start.rival_cost);
       break;
     case StartProblem::kTooLittleParallax:
       std::snprintf(text, sizeof text, "too little parallax: median %.2f degrees",

@@ -17,6 +17,7 @@ enum class StartProblem {
   kNoMotion,           // the images hardly differ
   kRotationOnly,       // a rotation without translation explains the matches as well
   kTooFewInliers,      // no rigid motion explains enough of the matches
+  kAmbiguous,          // a second motion fits as well: (nearly) coplanar points and straight motion
   kTooLittleParallax,  // a motion was found, but the points are too far for their depths to be known
 };
 
@@ -29,6 +30,7 @@ struct ThreeViewOptions {
   double min_parallax = 3e-3;      // radians: median parallax of the inliers between views 0 and 2
   double rotation_advantage =
       0.85;  // rotation-only inliers / inliers of the full model above which it is a rotation
+  double min_rival_cost = 1.05;  // rival_cost below which the start is ambiguous
   int max_iterations = 500;
   double confidence = 0.9999;
   uint64_t seed = 0;
@@ -48,6 +50,7 @@ struct ThreeViewStart {
   double median_parallax = 0;      // of the inliers between views 0 and 2, rotation removed
   double rms_error = 0;            // angular error of the inliers in the three views
   int rotation_inliers = 0;        // matches that a pure rotation explains
+  double rival_cost = 0;           // of the second motion over that of the first, >= 1; 0: there is none
   int iterations = 0;
 
   bool ok() const { return problem == StartProblem::kNone; }
@@ -56,8 +59,9 @@ struct ThreeViewStart {
 // Motion of a central camera over three views and the points seen (LBA09 2.2). Unit bearings of the same
 // points in the three views, view 0 and view 2 the farthest apart; the frame of view 0 is the world. RANSAC:
 // five points between views 0 and 2, triangulation, resection of view 1 from the same five, score in all
-// three views; three views remove the second solution that coplanar points leave to two. The best
-// model is refined (both poses and all points). The spans have one length.
+// three views. Coplanar points leave two motions to two views; the third view tells them apart
+// unless the motion is straight, so that the runner-up is sought and compared. The best
+// motion is refined (both poses and all points). The spans have one length.
 ThreeViewStart start_from_three_views(std::span<const Eigen::Vector3d> bearings0,
                                       std::span<const Eigen::Vector3d> bearings1,
                                       std::span<const Eigen::Vector3d> bearings2,

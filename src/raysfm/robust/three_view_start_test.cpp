@@ -31,6 +31,7 @@ struct Recipe {
   double turn = 0.03;           // radians per view
   double near = 4, far = 15;    // units; the plane lies halfway
   bool planar = false;
+  Vector3d bend{0, 0, 0};                     // of camera 2 from the straight line
   double noise = 0.5 * kPixel, outliers = 0;  // per axis; part of the matches
   int matches = 300;
 };
@@ -39,7 +40,8 @@ Scene make_scene(const Recipe& recipe, Rng& rng) {
   Scene scene;
   const Vector3d axis = normal_vector(rng).normalized();
   const auto pose = [&](int view) {
-    return Rigid3{exp_so3(view * recipe.turn * axis), view * recipe.step}.inverse();
+    const Vector3d position = view * recipe.step + (view == 2 ? recipe.bend : Vector3d::Zero());
+    return Rigid3{exp_so3(view * recipe.turn * axis), position}.inverse();
   };
   scene.cam1_from_cam0 = pose(1);
   scene.cam2_from_cam0 = pose(2);
@@ -122,16 +124,21 @@ TEST_P(ThreeViewScenes, MotionIsFound) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, ThreeViewScenes,
-    testing::Values(
-        Case{"sideways", {}, 0.2 * kDegree, 2 * kDegree},
-        Case{"outliers", {.outliers = 0.4}, 0.3 * kDegree, 3 * kDegree},
-        Case{"forward", {.step = {0, 0, 0.8}, .near = 6, .far = 40}, 0.2 * kDegree, 2 * kDegree},
-        Case{"forward_outliers",
-             {.step = {0, 0, 0.8}, .near = 6, .far = 40, .outliers = 0.3},
-             0.2 * kDegree,
-             2 * kDegree},
-        Case{"planar", {.step = {0.8, 0, 0.1}, .planar = true}, 0.4 * kDegree, 4 * kDegree},
-        Case{"planar_forward", {.step = {0.05, 0.05, 1.0}, .planar = true}, 0.5 * kDegree, 5 * kDegree}),
+    testing::Values(Case{"sideways", {}, 0.2 * kDegree, 2 * kDegree},
+                    Case{"outliers", {.outliers = 0.4}, 0.3 * kDegree, 3 * kDegree},
+                    Case{"forward", {.step = {0, 0, 0.8}, .near = 6, .far = 40}, 0.2 * kDegree, 2 * kDegree},
+                    Case{"forward_outliers",
+                         {.step = {0, 0, 0.8}, .near = 6, .far = 40, .outliers = 0.3},
+                         0.2 * kDegree,
+                         2 * kDegree},
+                    Case{"planar",
+                         {.step = {0.8, 0, 0.1}, .planar = true, .bend = {0, 0.5, 0}},
+                         0.4 * kDegree,
+                         4 * kDegree},
+                    Case{"planar_forward",
+                         {.step = {0.1, 0, 1}, .planar = true, .bend = {0.7, 0, 0}},
+                         0.4 * kDegree,
+                         4 * kDegree}),
     [](const auto& info) { return std::string(info.param.name); });
 
 TEST(ThreeViewStart, SaysWhyThereIsNoStart) {
@@ -146,6 +153,23 @@ TEST(ThreeViewStart, SaysWhyThereIsNoStart) {
     EXPECT_EQ(solve(make_scene({.outliers = 1}, rng)).problem, StartProblem::kTooFewInliers);
   }
   EXPECT_EQ(start_from_three_views({}, {}, {}, {}).problem, StartProblem::kTooFewMatches);
+}
+
+// Straight motion before a plane leaves two motions even to three views: the right one or none.
+TEST(ThreeViewStart, AnAmbiguousPlaneIsNotGuessed) {
+  for (const Vector3d& step : {Vector3d(0.8, 0, 0.1), Vector3d(0.05, 0.05, 1.0)}) {
+    int ambiguous = 0, right = 0, wrong = 0;
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+      Rng rng(seed, 2);
+      const Scene scene = make_scene({.step = step, .planar = true}, rng);
+      const ThreeViewStart start = solve(scene, seed);
+      const bool good = rotation_error(start.cam2_from_cam0, scene.cam2_from_cam0) < 1 * kDegree;
+      ++(start.problem == StartProblem::kAmbiguous ? ambiguous : good ? right : wrong);
+    }
+    EXPECT_GT(ambiguous, 0);
+    EXPECT_GT(right, 0);
+    EXPECT_LE(wrong, 1) << right << " right, " << ambiguous << " ambiguous";
+  }
 }
 
 TEST(ThreeViewStart, AFarSceneIsNotReconstructed) {
