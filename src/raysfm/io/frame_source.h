@@ -49,8 +49,8 @@ class FrameSource {
 
 struct InputOptions {
   double fps = 0;  // frames per second of inputs without timestamps, and of videos when given; 0: not given
-  bool ignore_calibration = false;  // do not read the camera file that lies beside the images
   bool mono = false;                // the first camera only of a layout that has several
+  bool ignore_calibration = false;  // do not read the camera file that lies beside the images
 };
 
 // Everything that the inputs of the command line hold.

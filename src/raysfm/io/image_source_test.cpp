@@ -14,7 +14,7 @@ namespace {
 using namespace testing_support;
 
 TEST(NaturalLess, NumbersCompareAsNumbers) {
-  const std::vector<std::string> order = {"",  "0",  "1",    "01",    "2",   "10",
+  const std::vector<std::string> order = {"",  "0",  "01",   "1",     "2",   "10",
                                           "a", "a1", "a2b1", "a2b10", "a10", "b"};
   for (size_t i = 0; i < order.size(); ++i) {
     for (size_t j = 0; j < order.size(); ++j) {

@@ -169,7 +169,7 @@ TEST(Layout, EurocPairsFramesByTime) {
     EXPECT_EQ(frames->at(1).name, "2.png");
     EXPECT_NEAR(frames->at(1).timestamp, 1403636579.863555584, 1e-6);
   }
-  EXPECT_EQ(read_all(*open(folder.path(), {.ignore_calibration = true, .mono = true})->streams[0])->size(),
+  EXPECT_EQ(read_all(*open(folder.path(), {.mono = true, .ignore_calibration = true})->streams[0])->size(),
             3u);
   folder.file("mav0/cam1/data.csv", head + "1403636579763555584 0.png\n");
   folder.file("mav0/cam1/data.csv", head + "12x,0.png\n");
