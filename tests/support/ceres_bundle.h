@@ -68,7 +68,7 @@ class LeftQuaternion : public ceres::Manifold {
 };
 
 struct CeresBundleOptions {
-  RobustLoss loss;
+  RobustLoss loss = {};
   int max_iterations = 10;
   double function_tolerance = 1e-6;
   ceres::LinearSolverType solver = ceres::DENSE_SCHUR;
