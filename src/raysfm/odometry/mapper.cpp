@@ -13,7 +13,6 @@ constexpr double kMinParallax = 0.006;     // radians
 constexpr double kInlierError = 2.0;       // pixels
 constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
 constexpr float kNeighbourhood = 60.0f;    // pixels: features that tell the depth of one without
-constexpr float kTrackSpacing = 4.0f;      // pixels between the features of a key frame
 
 // Guess of the distance of the features of a key frame, from those that have one.
 class DistancePrior {
@@ -77,16 +76,16 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     k.frame = view->frame;
     k.rig_from_world = pose.rig_from_world;
     for (const PointMatch& m : pose.matches) map->observe(m.track, keyframe, k.add(m.pixel, m.track));
-    follow_tracks(*view, anchor, keyframe, map, views);
-    triangulate_tracks(map);
+    follow_tracks(anchor, keyframe, *view, map, *views);
+    triangulate_tracks(keyframe, map);
     start_tracks(*view, kTrackSpacing, keyframe, map);
     views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_.cameras[0]));
   }
   adjust_locally(map);
 }
 
-void Mapper::follow_tracks(const View& view, int anchor, int keyframe, Map* map,
-                           std::vector<KeyFrameView>* views) {
+void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
+                           std::span<const KeyFrameView> views) {
   const Camera& camera = rig_.cameras[0];
   const MapKeyFrame& from = map->keyframes[anchor];
   const Rigid3 target_from_anchor = camera.rig_from_cam.inverse() * map->keyframes[keyframe].rig_from_world *
@@ -98,19 +97,19 @@ void Mapper::follow_tracks(const View& view, int anchor, int keyframe, Map* map,
     if (track < 0 || map->tracks[track].triangulated) continue;
     const double distance = prior.at(from.pixels[f]);
     PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
-    if (!(distance > 0) || !predict_patch(camera, (*views)[anchor], f, distance, target_from_anchor, &query))
+    if (!(distance > 0) || !predict_patch(camera, views[anchor], f, distance, target_from_anchor, &query))
       continue;
     PatchQuery nearer, farther;
     query.radius = kMaxSearchRadius;
-    if (predict_patch(camera, (*views)[anchor], f, 0.5 * distance, target_from_anchor, &nearer) &&
-        predict_patch(camera, (*views)[anchor], f, 5.0 * distance, target_from_anchor, &farther)) {
+    if (predict_patch(camera, views[anchor], f, 0.5 * distance, target_from_anchor, &nearer) &&
+        predict_patch(camera, views[anchor], f, 5.0 * distance, target_from_anchor, &farther)) {
       const float reach =
           std::max((nearer.predicted - query.predicted).norm(), (farther.predicted - query.predicted).norm());
       query.radius = std::min(kMaxSearchRadius, 3.0f + reach);
     }
     queries_.push_back(query);
   }
-  matcher_.match(*views, queries_, view, kMinZncc, &matches_);
+  matcher_.match(views, queries_, view, kMinZncc, &matches_);
 
   std::vector<PatchQuery> matched;
   starts_.clear();
@@ -118,7 +117,7 @@ void Mapper::follow_tracks(const View& view, int anchor, int keyframe, Map* map,
     matched.push_back(queries_[m.query]);
     starts_.push_back(m.pixel);
   }
-  matcher_.align(*views, matched, starts_, view, {}, &alignments_);
+  matcher_.align(views, matched, starts_, view, {}, &alignments_);
   MapKeyFrame& to = map->keyframes[keyframe];
   for (size_t i = 0; i < matched.size(); ++i) {
     if (!alignments_[i].converged) continue;
@@ -126,12 +125,12 @@ void Mapper::follow_tracks(const View& view, int anchor, int keyframe, Map* map,
   }
 }
 
-void Mapper::triangulate_tracks(Map* map) {
+void Mapper::triangulate_tracks(int keyframe, Map* map) {
   const Camera& camera = rig_.cameras[0];
   const double max_angle = kInlierError / camera.pixels_per_radian();
-  const MapKeyFrame& newest = map->keyframes.back();
-  for (int f = 0; f < newest.size(); ++f) {
-    const int t = newest.tracks[f];
+  const MapKeyFrame& seen_from = map->keyframes[keyframe];
+  for (int f = 0; f < seen_from.size(); ++f) {
+    const int t = seen_from.tracks[f];
     if (t < 0 || map->tracks[t].triangulated || map->tracks[t].observations.size() < 2) continue;
     Track& track = map->tracks[t];
     rays_.clear();

@@ -22,9 +22,11 @@ class Mapper {
   void add_keyframe(const ViewPtr& view, const Localisation& pose, Map* map,
                     std::vector<KeyFrameView>* views);
 
-  // Triangulates the tracks of the newest key frame that have no position, where parallax and reprojection
-  // allow.
-  void triangulate_tracks(Map* map);
+  // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines.
+  void follow_tracks(int from, int to, const View& view, Map* map, std::span<const KeyFrameView> views);
+
+  // Triangulates the tracks of a key frame that have no position, where parallax and reprojection allow.
+  void triangulate_tracks(int keyframe, Map* map);
 
   // Adjusts the newest key frames and their points in two stages (2.5).
   void adjust_locally(Map* map);
@@ -35,7 +37,6 @@ class Mapper {
   StageTiming keyframe_timing, adjust_timing;
 
  private:
-  void follow_tracks(const View& view, int anchor, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   void adjust(Map* map, int first_observed, int first_free, int max_iterations);
 
   const Rig& rig_;
@@ -58,6 +59,8 @@ class Mapper {
   std::vector<TrackObservation> window_sources_;
   std::vector<uint8_t> window_inliers_;
 };
+
+constexpr float kTrackSpacing = 4.0f;  // pixels between the features of a key frame
 
 // Starts a new track at every corner that is at least `spacing` pixels from the features of the key frame.
 void start_tracks(const View& view, float spacing, int keyframe, Map* map);

@@ -148,13 +148,25 @@ std::optional<Start> Starter::build(int second, int third, const std::vector<int
       seen.push_back({static_cast<int>(t), views_[first_ + 1 + k]->features.pixels[match]});
     }
   }
-  for (int v = 0; v < 3; ++v) {
-    start_tracks(*views_[indices[v]], 4.0f, v, &map);
-    start.views[v] = make_keyframe_view(views_[indices[v]], map.keyframes[v], camera);
-  }
+  add_points(indices, &start, mapper);
   start.summary = {
       "five-point", {map.keyframes[0].frame, map.keyframes[1].frame, map.keyframes[2].frame}, points};
   return start;
+}
+
+// The remaining corners of the three views, matched along their epipolar lines now that these are known.
+void Starter::add_points(const int (&indices)[3], Start* start, Mapper& mapper) {
+  Map& map = start->map;
+  for (int v = 0; v < 3; ++v) {
+    const ViewPtr& view = views_[indices[v]];
+    if (v > 0) {
+      mapper.follow_tracks(v - 1, v, *view, &map, start->views);
+      mapper.triangulate_tracks(v, &map);
+    }
+    start_tracks(*view, kTrackSpacing, v, &map);
+    start->views[v] = make_keyframe_view(view, map.keyframes[v], rig_.cameras[0]);
+  }
+  mapper.adjust_globally(&map);
 }
 
 // With the geometry known the patches of the first view can be shaped as the others see them, and the corners

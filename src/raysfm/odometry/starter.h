@@ -49,6 +49,7 @@ class Starter {
   std::optional<Start> attempt(int second, int third, Mapper& mapper);
   std::optional<Start> build(int second, int third, const std::vector<int>& tracked,
                              const ThreeViewStart& geometry, Mapper& mapper);
+  void add_points(const int (&indices)[3], Start* start, Mapper& mapper);
   void refine_pixels(Start* start);
   void restart(int first);
   int enough(int wanted) const;
