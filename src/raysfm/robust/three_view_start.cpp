@@ -342,12 +342,11 @@ void polish(const ThreeViewBearings& bearings, double max_error, std::vector<int
 }
 
 StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewOptions& options) {
-  const bool rotation = start.rotation_inliers >= options.min_inliers &&
+  const double enough = std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
+  const bool rotation = start.rotation_inliers >= enough &&
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
-  if (start.inlier_count < options.min_inliers || start.inlier_count < options.min_inlier_ratio * matches) {
-    return StartProblem::kTooFewInliers;
-  }
+  if (start.inlier_count < enough) return StartProblem::kTooFewInliers;
   if (start.rival_cost > 0 && start.rival_cost < options.min_rival_cost) return StartProblem::kAmbiguous;
   if (start.median_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
   return StartProblem::kNone;
