@@ -320,13 +320,19 @@ BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, con
 
 int update_inliers(const BundleProblem& problem, double inlier_threshold_px) {
   int inliers = 0;
+  int camera_index = -1;  // of cam_from_rig
+  Rigid3 cam_from_rig;
   for (size_t i = 0; i < problem.observations.size() && i < problem.is_inlier.size(); ++i) {
     const BundleObservation& o = problem.observations[i];
     const Camera& camera = problem.cameras[o.camera];
-    const Eigen::Vector3d x_in_rig = problem.rig_from_world[o.pose] * problem.points[o.point];
+    if (o.camera != camera_index) {
+      camera_index = o.camera;
+      cam_from_rig = camera.rig_from_cam.inverse();
+    }
     Eigen::Vector2d pixel;
-    const bool fits = camera.project(camera.rig_from_cam.inverse() * x_in_rig, &pixel) &&
-                      (pixel - o.pixel).norm() <= inlier_threshold_px;
+    const bool fits =
+        camera.project(cam_from_rig * (problem.rig_from_world[o.pose] * problem.points[o.point]), &pixel) &&
+        (pixel - o.pixel).squaredNorm() <= inlier_threshold_px * inlier_threshold_px;
     problem.is_inlier[i] = fits;
     inliers += fits;
   }
