@@ -6,12 +6,39 @@
 #include <cmath>
 #include <numeric>
 
-#include "raysfm/optim/block_kernels.h"
-
 namespace raysfm {
 namespace {
 
-using block::kRows;
+constexpr int kRows = 6;
+
+// Blocks are stored by columns: element (r, c) is at [6 c + r].
+
+// C -= A B^T.
+void subtract_product(const double* a, const double* b, double* c) {
+  for (int col = 0; col < kRows; ++col) {
+    for (int row = 0; row < kRows; ++row) {
+      double sum = 0;
+      for (int k = 0; k < kRows; ++k) sum += a[kRows * k + row] * b[kRows * k + col];
+      c[kRows * col + row] -= sum;
+    }
+  }
+}
+
+// y -= A x.
+void subtract_product_with_vector(const double* a, const double* x, double* y) {
+  for (int k = 0; k < kRows; ++k) {
+    for (int row = 0; row < kRows; ++row) y[row] -= a[kRows * k + row] * x[k];
+  }
+}
+
+// y -= A^T x.
+void subtract_transposed_product_with_vector(const double* a, const double* x, double* y) {
+  for (int k = 0; k < kRows; ++k) {
+    double sum = 0;
+    for (int row = 0; row < kRows; ++row) sum += a[kRows * k + row] * x[row];
+    y[k] -= sum;
+  }
+}
 
 // a (6x6, lower triangle) becomes its Cholesky factor.
 bool factorize_diagonal(double* a) {
@@ -145,7 +172,7 @@ void BlockCholesky::update_right_of(int column) {
     int target = column_begin_[rows_[j]];
     for (int i = j; i < end; ++i) {
       while (rows_[target] != rows_[i]) ++target;  // the fill makes every row of `column` a row of column j
-      block::subtract_product<kRows>(block(i), block(j), block(target));
+      subtract_product(block(i), block(j), block(target));
     }
   }
 }
@@ -159,14 +186,14 @@ void BlockCholesky::solve(std::span<double> b) const {
       for (int r = c + 1; r < kRows; ++r) x[r] -= diagonal[kRows * c + r] * x[c];
     }
     for (int k = column_begin_[column] + 1; k < column_begin_[column + 1]; ++k) {
-      block::add_product<kRows>(&values_[size_t(36) * k], x, -1.0, &b[size_t(kRows) * rows_[k]]);
+      subtract_product_with_vector(&values_[size_t(36) * k], x, &b[size_t(kRows) * rows_[k]]);
     }
   }
   for (int column = size_ - 1; column >= 0; --column) {
     const double* diagonal = &values_[size_t(36) * column_begin_[column]];
     double* x = &b[size_t(kRows) * column];
     for (int k = column_begin_[column] + 1; k < column_begin_[column + 1]; ++k) {
-      block::add_transposed_product<kRows>(&values_[size_t(36) * k], &b[size_t(kRows) * rows_[k]], -1.0, x);
+      subtract_transposed_product_with_vector(&values_[size_t(36) * k], &b[size_t(kRows) * rows_[k]], x);
     }
     for (int c = kRows - 1; c >= 0; --c) {
       for (int r = c + 1; r < kRows; ++r) x[c] -= diagonal[kRows * c + r] * x[r];
