@@ -296,7 +296,7 @@ BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleO
     summary.initial_cost = lm.initial_cost;
     summary.final_cost = lm.final_cost;
     summary.iterations = lm.iterations;
-    summary.termination = lm.termination;
+    summary.termination = workspace_->used() > 0 ? lm.termination : Termination::kNothingToDo;
   }
   summary.used_observations = workspace_->used();
   summary.dropped_observations = workspace_->dropped();

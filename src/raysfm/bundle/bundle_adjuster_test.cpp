@@ -239,6 +239,12 @@ TEST(BundleAdjuster, DropsAndCountsWhatDoesNotProject) {
   EXPECT_EQ(summary.used_observations, static_cast<int>(scene.observations.size()) - sightings);
   EXPECT_NEAR(summary.initial_cost, start, 1e-9 * start);
   EXPECT_EQ(scene.points[3], point);
+
+  for (Eigen::Vector3d& x : scene.points) x = point;
+  const BundleSummary none = adjuster.adjust(scene.problem(), {});
+  EXPECT_EQ(none.termination, Termination::kNothingToDo);
+  EXPECT_EQ(none.used_observations, 0);
+  EXPECT_EQ(none.dropped_observations, static_cast<int>(scene.observations.size()));
 }
 
 // A point that is ten times too far: its Newton steps overshoot to behind the cameras. It must come in on
