@@ -20,6 +20,7 @@ void build_road(Builder& b, double z0, double z1) {
   const int stretches = std::max(1, static_cast<int>((z1 - z0) / 30.0));
   for (int i = 0; i < stretches; ++i) {
     const double a = z0 + (z1 - z0) * i / stretches, c = z0 + (z1 - z0) * (i + 1) / stretches;
+    b.level(-18, 18, a, c, 0.03, b.finish(Pattern::kAsphalt, 0));  // seen between and behind the houses
     b.level(-kHalfRoad, kHalfRoad, a, c, 0, b.finish(Pattern::kAsphalt, 0, Colour::Ones(), 0.03f));
     for (const double side : {-1.0, 1.0}) {
       const double kerb = side * kHalfRoad, front = side * (kHalfStreet + 1.2);
@@ -183,7 +184,7 @@ World build_town(Builder b, double length) {
   build_facades(b, {kHalfSquare, square}, {kHalfSquare, z1});
   build_facades(b, {-kHalfStreet, z1}, {-kHalfSquare, z1});
   build_facades(b, {kHalfSquare, z1}, {kHalfStreet, z1});
-  b.level(-kHalfSquare - 1, kHalfSquare + 1, z1, square + 1, 0, b.finish(Pattern::kCobbles, 0));
+  b.level(-kHalfSquare - 1, kHalfSquare + 1, z1 - 1, square + 1, 0.01, b.finish(Pattern::kCobbles, 0));
   for (int i = 0; i < 6; ++i) {
     const double x = (i % 2 ? 11.5 : -11.5), z = z1 + 6 + 11.0 * (i / 2);
     b.tree({x, 0, z}, b.random().uniform(4.5, 7.0));
