@@ -48,6 +48,24 @@ HWY_INLINE auto load_bytes(const uint8_t* p) {
   return hn::ConvertTo(kFloats, hn::PromoteTo(kInts, hn::LoadU(bytes, p)));
 }
 
+// Bilinear samples at places inside the image, left of its last column and above its last row.
+template <class V>
+HWY_INLINE V sample(const GrayView& image, V x, V y) {
+  const auto byte = hn::Set(kInts, 0xff), stride = hn::Set(kInts, static_cast<int32_t>(image.stride));
+  const auto* base = reinterpret_cast<const int32_t*>(image.data);
+  const auto ix = hn::ConvertTo(kInts, x), iy = hn::ConvertTo(kInts, y);
+  const auto wx = hn::Sub(x, hn::ConvertTo(kFloats, ix)), wy = hn::Sub(y, hn::ConvertTo(kFloats, iy));
+  const auto at = hn::Add(hn::Mul(iy, stride), ix);
+  const auto blend = [&](auto four) HWY_ATTR {
+    const auto left = hn::ConvertTo(kFloats, hn::And(four, byte));
+    const auto right = hn::ConvertTo(kFloats, hn::And(hn::ShiftRight<8>(four), byte));
+    return hn::Add(left, hn::Mul(wx, hn::Sub(right, left)));
+  };
+  const auto top = blend(hn::GatherOffset(kInts, base, at));
+  const auto bottom = blend(hn::GatherOffset(kInts, base, hn::Add(at, stride)));
+  return hn::Add(top, hn::Mul(wy, hn::Sub(bottom, top)));
+}
+
 // Both images own 64 bytes behind their last row (Image), so that the last vector of a row may run over.
 void sum_residuals(const GrayView& first, const GrayView& second, const coarse::Motion& motion, float gain,
                    float bias, coarse::Sums* sums) {
@@ -60,8 +78,6 @@ void sum_residuals(const GrayView& first, const GrayView& second, const coarse::
   const auto one = set(1.0f), half = set(0.5f), zero = hn::Zero(kFloats);
   const auto last_x = set(static_cast<float>(w - 2)), last_y = set(static_cast<float>(h - 2));
   const auto last_column = set(static_cast<float>(w - 1));
-  const auto byte = hn::Set(kInts, 0xff), stride = hn::Set(kInts, static_cast<int32_t>(second.stride));
-  const auto* base = reinterpret_cast<const int32_t*>(second.data);
   alignas(64) float columns[Sums::kCount][coarse::kColumns] = {};
 
   for (int part = 0; part < coarse::kColumns; part += lanes) {
@@ -81,17 +97,7 @@ void sum_residuals(const GrayView& first, const GrayView& second, const coarse::
         const auto inside = hn::And(hn::And(hn::Eq(px, qx), hn::Eq(py, qy)), hn::Lt(column, last_column));
         const auto weight = hn::IfThenElseZero(inside, one);
 
-        const auto ix = hn::ConvertTo(kInts, qx), iy = hn::ConvertTo(kInts, qy);
-        const auto wx = hn::Sub(qx, hn::ConvertTo(kFloats, ix)), wy = hn::Sub(qy, hn::ConvertTo(kFloats, iy));
-        const auto at = hn::Add(hn::Mul(iy, stride), ix);
-        const auto blend = [&](auto four) HWY_ATTR {
-          const auto l = hn::ConvertTo(kFloats, hn::And(four, byte));
-          const auto r = hn::ConvertTo(kFloats, hn::And(hn::ShiftRight<8>(four), byte));
-          return hn::Add(l, hn::Mul(wx, hn::Sub(r, l)));
-        };
-        const auto top = blend(hn::GatherOffset(kInts, base, at));
-        const auto bottom = blend(hn::GatherOffset(kInts, base, hn::Add(at, stride)));
-        const auto b = hn::Mul(weight, hn::Add(top, hn::Mul(wy, hn::Sub(bottom, top))));
+        const auto b = hn::Mul(weight, sample(second, qx, qy));
         const auto a = hn::Mul(weight, load_bytes(row + x));
 
         const auto halves = hn::Mul(weight, half);
