@@ -155,11 +155,12 @@ class PoseRansac {
 
 // Marks the observations within max_error_px; true when a mark changed.
 bool mark_inliers(const PoseResiduals& residuals, double max_error_px, PoseEstimate* result) {
+  const Matrix3d rotation = result->rig_from_world.rotation.toRotationMatrix();
   bool changed = false;
   result->inlier_count = 0;
   for (int i = 0; i < residuals.size(); ++i) {
     Vector2d r;
-    const bool inlier = residuals.evaluate(result->rig_from_world, i, &r, nullptr) &&
+    const bool inlier = residuals.evaluate(rotation, result->rig_from_world.translation, i, &r, nullptr) &&
                         r.squaredNorm() <= max_error_px * max_error_px;
     changed |= inlier != (result->inlier[i] != 0);
     result->inlier[i] = inlier;
@@ -257,7 +258,8 @@ void PoseEstimator::estimate(const Rig& rig, const PoseObservations& observation
 
 void PoseEstimator::refine(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
                            PoseEstimate* result) {
-  constexpr int kMaxRounds = 3;
+  constexpr int kMaxRounds = 4;
+  constexpr int kFirstIterations = 1;  // the inliers will change: no use in converging
   const PoseResiduals residuals(rig, observations);
   std::vector<int>& active = workspace_->active;
   const int needed = std::max(4, options.min_inliers);
@@ -272,8 +274,9 @@ void PoseEstimator::refine(const Rig& rig, const PoseObservations& observations,
   result->problem = PoseProblem::kTooFewInliers;
   if (!collect()) return;
   for (int round = 0; round < kMaxRounds; ++round) {
-    minimise_pose(residuals, active, options.loss, options.max_refinements, &result->rig_from_world);
-    if (!mark_inliers(residuals, options.max_error_px, result)) break;
+    const int iterations = round == 0 ? kFirstIterations : options.max_refinements;
+    minimise_pose(residuals, active, options.loss, iterations, &result->rig_from_world);
+    if (!mark_inliers(residuals, options.max_error_px, result) && round > 0) break;
     if (!collect()) return;
   }
   const auto normal = residuals.normal_equations(result->rig_from_world, active, {});

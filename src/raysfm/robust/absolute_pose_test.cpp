@@ -86,7 +86,7 @@ TEST(PoseResiduals, JacobianIsTheDerivative) {
   const PoseResiduals residuals(scene.rig, observations);
   for (int i = 0; i < 30; ++i) {
     Vector2d r, plus, minus;
-    Eigen::Matrix<double, 2, 6> jacobian;
+    PoseResiduals::Jacobian jacobian;
     ASSERT_TRUE(residuals.evaluate(scene.rig_from_world, i, &r, &jacobian));
     for (int k = 0; k < 6; ++k) {
       constexpr double kStep = 1e-6;

@@ -19,10 +19,12 @@ PoseResiduals::PoseResiduals(const Rig& rig, const PoseObservations& observation
   }
 }
 
-bool PoseResiduals::evaluate(const Rigid3& rig_from_world, int i, Vector2d* residual,
-                             Eigen::Matrix<double, 2, 6>* jacobian) const {
+bool PoseResiduals::evaluate(const Matrix3d& rig_from_world_rotation,
+                             const Vector3d& rig_from_world_translation, int i, Vector2d* residual,
+                             Jacobian* jacobian) const {
   const int c = observations_.camera(i);
-  const Vector3d in_rig = rig_from_world * observations_.points_in_world[i];
+  const Vector3d in_rig =
+      rig_from_world_rotation * observations_.points_in_world[i] + rig_from_world_translation;
   const Vector3d in_cam = cam_from_rig_rotation_[c] * in_rig + cam_from_rig_translation_[c];
   Vector2d pixel;
   Eigen::Matrix<double, 2, 3> by_point;
@@ -42,26 +44,20 @@ bool PoseResiduals::evaluate(const Rigid3& rig_from_world, int i, Vector2d* resi
 PoseResiduals::NormalEquations PoseResiduals::normal_equations(const Rigid3& rig_from_world,
                                                                std::span<const int> active,
                                                                const RobustLoss& loss) const {
+  const Matrix3d rotation = rig_from_world.rotation.toRotationMatrix();
   NormalEquations sum;
   Vector2d r;
-  Eigen::Matrix<double, 2, 6> j;
-  double hessian[6][6] = {};  // upper triangle
+  Jacobian j;
   for (const int i : active) {
-    if (!evaluate(rig_from_world, i, &r, &j)) {
+    if (!evaluate(rotation, rig_from_world.translation, i, &r, &j)) {
       ++sum.failed;
       continue;
     }
     const double squared = r.squaredNorm();
-    const double weight = loss.weight(squared);
     sum.cost += 0.5 * loss.cost(squared);
-    for (int a = 0; a < 6; ++a) {
-      const double u = weight * j(0, a), v = weight * j(1, a);
-      sum.gradient[a] += u * r[0] + v * r[1];
-      for (int b = a; b < 6; ++b) hessian[a][b] += u * j(0, b) + v * j(1, b);
-    }
-  }
-  for (int a = 0; a < 6; ++a) {
-    for (int b = a; b < 6; ++b) sum.hessian(a, b) = sum.hessian(b, a) = hessian[a][b];
+    const Eigen::Matrix<double, 6, 2> weighted = loss.weight(squared) * j.transpose();
+    sum.hessian += weighted.lazyProduct(j);
+    sum.gradient += weighted.lazyProduct(r);
   }
   return sum;
 }

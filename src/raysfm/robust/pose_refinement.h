@@ -29,9 +29,16 @@ class PoseResiduals {
  public:
   PoseResiduals(const Rig& rig, const PoseObservations& observations);
 
+  using Jacobian = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>;
+
   // Residual of observation i; false where the point does not project. `jacobian` may be null.
-  bool evaluate(const Rigid3& rig_from_world, int i, Eigen::Vector2d* residual,
-                Eigen::Matrix<double, 2, 6>* jacobian) const;
+  bool evaluate(const Rigid3& rig_from_world, int i, Eigen::Vector2d* residual, Jacobian* jacobian) const {
+    return evaluate(rig_from_world.rotation.toRotationMatrix(), rig_from_world.translation, i, residual,
+                    jacobian);
+  }
+  bool evaluate(const Eigen::Matrix3d& rig_from_world_rotation,
+                const Eigen::Vector3d& rig_from_world_translation, int i, Eigen::Vector2d* residual,
+                Jacobian* jacobian) const;
 
   struct NormalEquations {
     double cost = 0;  // half the sum of the losses

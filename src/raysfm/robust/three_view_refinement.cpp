@@ -141,9 +141,9 @@ void ThreeViewRefiner::linearise(const ThreeViewMotion& motion, double damping, 
     v_block.diagonal() *= 1 + damping;
     v_block.diagonal().array() += 1e-12;  // a point on the baseline has no distance
     point.inverse_hessian = v_block.inverse();
-    const Eigen::Matrix<double, 3, 11> eliminated = point.inverse_hessian * point.by_poses;
-    reduction.noalias() += point.by_poses.transpose() * eliminated;
-    g.noalias() -= eliminated.transpose() * point.gradient;
+    const Eigen::Matrix<double, 3, 11> eliminated = point.inverse_hessian.lazyProduct(point.by_poses);
+    reduction += point.by_poses.transpose().lazyProduct(eliminated);
+    g -= eliminated.transpose().lazyProduct(point.gradient);
   }
   u.diagonal() *= 1 + damping;
   *hessian = u - reduction;

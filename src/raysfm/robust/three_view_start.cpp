@@ -52,10 +52,20 @@ class RotationRansac {
     draw_sample(rng, size(), sample);
     return true;
   }
+  // Sum and difference of two unit vectors are orthogonal: aligning them is the best rotation of the two.
   int generate(const std::array<int, 2>& sample, std::array<Matrix3d, 1>* models) const {
-    Matrix3d sum = Matrix3d::Zero();
-    for (const int i : sample) sum += bearings2_[i] * bearings0_[i].transpose();
-    return kabsch(sum, models->data());
+    std::array<Matrix3d, 2> frames;
+    for (int v = 0; v < 2; ++v) {
+      const std::span<const Vector3d> bearings = v == 0 ? bearings0_ : bearings2_;
+      const Vector3d sum = bearings[sample[0]] + bearings[sample[1]];
+      const Vector3d difference = bearings[sample[0]] - bearings[sample[1]];
+      if (!(sum.squaredNorm() > 1e-12 && difference.squaredNorm() > 1e-12)) return 0;
+      frames[v].col(0) = sum.normalized();
+      frames[v].col(1) = difference.normalized();
+      frames[v].col(2) = frames[v].col(0).cross(frames[v].col(1));
+    }
+    (*models)[0] = frames[1] * frames[0].transpose();
+    return 1;
   }
   RansacScore score(const Matrix3d& rotation, double limit) const {
     RansacScore score{.cost = 0, .inliers = 0};
@@ -77,13 +87,12 @@ class RotationRansac {
 
  private:
   // The rotation nearest to the sum of the products b2 b0^T (Wahba's problem).
-  static int kabsch(const Matrix3d& sum, Matrix3d* rotation) {
+  static void kabsch(const Matrix3d& sum, Matrix3d* rotation) {
     const Eigen::JacobiSVD<Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    if (!(svd.singularValues()[1] > 1e-12)) return 0;
+    if (!(svd.singularValues()[1] > 1e-12)) return;
     Vector3d signs(1, 1, 1);
     signs[2] = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
     *rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
-    return 1;
   }
 
   std::span<const Vector3d> bearings0_, bearings2_;
