@@ -14,19 +14,39 @@ constexpr double kCornerError = 4.0;      // pixels: inliers before the alignmen
 constexpr double kAlignedError = 2.0;     // pixels: inliers after it
 constexpr int kMinInliers = 20;
 
+// How many of a sample of key frame k's points the anchor's camera would see.
+int overlap(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int k, int anchor) {
+  constexpr int kStep = 8;
+  const Rigid3 cam_from_world = camera.rig_from_cam.inverse() * map.keyframes[anchor].rig_from_world;
+  const MapKeyFrame& keyframe = map.keyframes[k];
+  int seen = 0;
+  if (!views[k].view) return 0;
+  for (int f = 0; f < keyframe.size(); f += kStep) {
+    const int track = keyframe.tracks[f];
+    if (track < 0 || !map.tracks[track].triangulated) continue;
+    Eigen::Vector2d pixel;
+    seen += camera.project(cam_from_world * map.tracks[track].position, &pixel) && camera.contains(pixel);
+  }
+  return seen;
+}
+
 }  // namespace
 
-LocalMap make_local_map(const Map& map, int anchor, int reach) {
+LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int anchor,
+                        int reach) {
   LocalMap local;
   local.anchor = anchor;
-  std::vector<int> keyframes(map.keyframes.size());
-  for (size_t i = 0; i < keyframes.size(); ++i) keyframes[i] = static_cast<int>(i);
-  std::stable_sort(keyframes.begin(), keyframes.end(),
-                   [&](int a, int b) { return std::abs(a - anchor) < std::abs(b - anchor); });
-  keyframes.resize(std::min<size_t>(keyframes.size(), reach + 1));
+  std::vector<std::pair<int, int>> others;  // (overlap, key frame)
+  for (int k = 0; k < static_cast<int>(map.keyframes.size()); ++k) {
+    const int seen = k == anchor ? 0 : overlap(map, views, camera, k, anchor);
+    if (seen > 0) others.push_back({seen, k});
+  }
+  std::sort(others.begin(), others.end(), std::greater<>());
+  others.resize(std::min<size_t>(others.size(), reach));
+  others.insert(others.begin(), {0, anchor});
 
   std::vector<uint8_t> taken(map.tracks.size(), 0);
-  for (const int k : keyframes) {
+  for (const auto& [seen, k] : others) {
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
       const int track = keyframe.tracks[f];

@@ -25,8 +25,10 @@ struct LocalMap {
   std::vector<LocalPoint> points;
 };
 
-// The points of the anchor, then those of the `reach` key frames nearest to it in time that it does not see.
-LocalMap make_local_map(const Map& map, int anchor, int reach);
+// The points of the anchor, then those of the `reach` other key frames whose points its camera would see most
+// of, whenever they were taken: a place seen before is recognised while the drift is smaller than the search.
+LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int anchor,
+                        int reach);
 
 // A map point seen in a frame.
 struct PointMatch {

@@ -9,7 +9,9 @@ namespace raysfm {
 namespace {
 
 constexpr float kMinZncc = 0.75f;
-constexpr double kMinParallax = 0.006;     // radians
+constexpr double kMinParallax = 0.006;  // radians
+constexpr int kMinShared = 10;          // points that make an older key frame part of the window
+constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;       // pixels
 constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
 constexpr float kNeighbourhood = 60.0f;    // pixels: features that tell the depth of one without
@@ -150,6 +152,30 @@ void Mapper::triangulate_tracks(int keyframe, Map* map) {
   }
 }
 
+// The newest key frames from `first_observed`, and older ones that see many of the window's points: a place
+// seen again ties the window to where it was first.
+void Mapper::choose_window(const Map& map, int first_observed) {
+  const int count = static_cast<int>(map.keyframes.size());
+  std::vector<int> shared(count, 0);
+  for (const int t : window_tracks_) {
+    for (const TrackObservation& o : map.tracks[t].observations) ++shared[o.keyframe];
+  }
+  std::vector<std::pair<int, int>> older;  // (points, key frame)
+  for (int k = 0; k < first_observed; ++k) {
+    if (shared[k] >= kMinShared) older.push_back({shared[k], k});
+  }
+  std::sort(older.begin(), older.end(), std::greater<>());
+  older.resize(std::min<size_t>(older.size(), kMaxOlder));
+  window_keyframes_.clear();
+  for (const auto& [points, k] : older) window_keyframes_.push_back(k);
+  std::sort(window_keyframes_.begin(), window_keyframes_.end());
+  for (int k = first_observed; k < count; ++k) window_keyframes_.push_back(k);
+  window_pose_of_keyframe_.assign(count, -1);
+  for (size_t i = 0; i < window_keyframes_.size(); ++i) {
+    window_pose_of_keyframe_[window_keyframes_[i]] = static_cast<int>(i);
+  }
+}
+
 void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
   const int count = static_cast<int>(map->keyframes.size());
   window_poses_.clear();
@@ -160,10 +186,6 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   window_sources_.clear();
   window_inliers_.clear();
   window_point_of_track_.resize(map->tracks.size(), -1);
-  for (int k = first_observed; k < count; ++k) {
-    window_poses_.push_back(map->keyframes[k].rig_from_world);
-    window_free_.push_back(k >= first_free);
-  }
   for (int k = first_free; k < count; ++k) {
     for (const int t : map->keyframes[k].tracks) {
       if (t < 0 || !map->tracks[t].triangulated || window_point_of_track_[t] >= 0) continue;
@@ -172,12 +194,18 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
       window_tracks_.push_back(t);
     }
   }
+  choose_window(*map, first_observed);
+  for (const int k : window_keyframes_) {
+    window_poses_.push_back(map->keyframes[k].rig_from_world);
+    window_free_.push_back(k >= first_free);
+  }
   for (const int t : window_tracks_) {
     for (const TrackObservation& o : map->tracks[t].observations) {
-      if (o.keyframe < first_observed) continue;
+      const int pose = window_pose_of_keyframe_[o.keyframe];
+      if (pose < 0) continue;
       const MapKeyFrame& k = map->keyframes[o.keyframe];
       window_observations_.push_back(
-          {o.keyframe - first_observed, window_point_of_track_[t], 0, k.pixels[o.feature].cast<double>()});
+          {pose, window_point_of_track_[t], 0, k.pixels[o.feature].cast<double>()});
       window_sources_.push_back(o);
       window_inliers_.push_back(k.inliers[o.feature]);
     }
@@ -188,8 +216,9 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0}, .max_iterations = max_iterations};
   adjuster_.adjust_two_stage(problem, options, kInlierError);
 
-  for (int k = first_free; k < count; ++k)
-    map->keyframes[k].rig_from_world = window_poses_[k - first_observed];
+  for (int k = first_free; k < count; ++k) {
+    map->keyframes[k].rig_from_world = window_poses_[window_pose_of_keyframe_[k]];
+  }
   for (size_t i = 0; i < window_tracks_.size(); ++i) {
     map->tracks[window_tracks_[i]].position = window_points_[i];
     window_point_of_track_[window_tracks_[i]] = -1;

@@ -37,6 +37,7 @@ class Mapper {
   StageTiming keyframe_timing, adjust_timing;
 
  private:
+  void choose_window(const Map& map, int first_observed);
   void adjust(Map* map, int first_observed, int first_free, int max_iterations);
 
   const Rig& rig_;
@@ -50,6 +51,7 @@ class Mapper {
   std::vector<Ray> rays_;
 
   // The window as flat arrays, and where its elements came from.
+  std::vector<int> window_keyframes_, window_pose_of_keyframe_;
   std::vector<Rigid3> window_poses_;
   std::vector<uint8_t> window_free_;
   std::vector<Eigen::Vector3d> window_points_;

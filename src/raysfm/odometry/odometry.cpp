@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
 constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
-constexpr int kKeptViews = 30;           // key frames whose images are kept
+constexpr int kKeptViews = 60;           // key frames whose images are kept
 // Radii of the region of interest as parts of the image's width: prediction good, doubtful, none.
 constexpr float kRadius = 0.015f, kWideRadius = 0.04f, kBlindRadius = 0.12f;
 constexpr int kMinMatches = 20;
@@ -105,7 +105,7 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
 }
 
 void Odometry::set_anchor(int keyframe) {
-  local_ = make_local_map(segment().map, keyframe, kReach);
+  local_ = make_local_map(segment().map, segment().views, rig_.cameras[0], keyframe, kReach);
   anchor_points_ =
       static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
                                      [&](const LocalPoint& p) { return p.keyframe == keyframe; }));
@@ -116,8 +116,9 @@ bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe
                          Rigid3* rig_from_world) {
   const float radius = radius_share * static_cast<float>(view.image.width());
   const Map& map = segment().map;
-  const Localisation pose = localiser_.localise(map, segment().views, make_local_map(map, keyframe, kReach),
-                                                view, predicted, radius);
+  const Localisation pose = localiser_.localise(
+      map, segment().views, make_local_map(map, segment().views, rig_.cameras[0], keyframe, kReach), view,
+      predicted, radius);
   if (!believable(pose)) {
     frames_[view.frame].reason =
         fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
@@ -306,7 +307,7 @@ bool Odometry::relocalise(const ViewPtr& view) {
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
   const float radius = kBlindRadius * static_cast<float>(view->image.width());
   for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
-    const LocalMap local = make_local_map(map, k, 0);
+    const LocalMap local = make_local_map(map, segment().views, rig_.cameras[0], k, 0);
     Localisation pose =
         localiser_.localise(map, segment().views, local, *view, map.keyframes[k].rig_from_world, radius);
     if (!convincing(pose)) continue;
