@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <memory>
 
 #include "raysfm/features/features.h"
@@ -11,7 +10,7 @@ namespace raysfm {
 struct HarrisOptions {
   int max_features = 1500;  // >= 0
   float k = 0.04f;          // response = det(M) - k trace(M)^2, k in [0, 0.25)
-  int border = 8;           // pixels; no feature is closer to the border of the image than this, at least 4
+  int border = 8;           // pixels; no feature is closer to the border of the image than this, at least 5
   // Least response of a feature; M is the mean of the products of gradients in (grey levels / pixel)^2.
   // Weaker maxima are noise of the sensor.
   float min_score = 5.0f;

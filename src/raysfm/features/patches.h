@@ -43,7 +43,8 @@ class PatchSet {
   std::vector<float> inverse_norms_;
 };
 
-// Patches around `pixels`, axis-aligned. A patch that leaves the image is not valid.
+// Patches around `pixels`, axis-aligned, sampled bilinearly at pixels rounded to an eighth: rounded to whole
+// pixels, 3 to 10 % of the matches of real frames are lost. A patch that leaves the image is not valid.
 void extract_patches(const GrayView& image, std::span<const Eigen::Vector2f> pixels, PatchSet* patches);
 
 // Patches as another view would see them: offset o of patch i samples the image at
