@@ -14,6 +14,7 @@ struct PatchQuery {
   int keyframe = 0;
   int feature = 0;
   int track = -1;
+  bool in_anchor = false;                                              // passed through for the caller
   Eigen::Vector2f predicted = Eigen::Vector2f::Zero();                 // pixel in the other image
   Eigen::Matrix2f keyframe_from_target = Eigen::Matrix2f::Identity();  // how the patch is deformed
   float radius = 0;                                                    // of the region of interest, pixels

@@ -13,6 +13,7 @@ constexpr float kMaxCornerOffset = 3.0f;  // pixels between a corner and the pla
 constexpr double kCornerError = 4.0;      // pixels: inliers before the alignment
 constexpr double kAlignedError = 2.0;     // pixels: inliers after it
 constexpr int kMinInliers = 20;
+constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
 // How many of a sample of key frame k's points the anchor's camera would see.
 int overlap(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int k, int anchor) {
@@ -28,6 +29,31 @@ int overlap(const Map& map, std::span<const KeyFrameView> views, const Camera& c
     seen += camera.project(cam_from_world * map.tracks[track].position, &pixel) && camera.contains(pixel);
   }
   return seen;
+}
+
+// The patch that a track is looked for with: the earliest one that the anchor would see at about the same
+// scale and from about the same side. Patches taken over from key frame to key frame would drift; this one
+// does not.
+LocalPoint reference_patch(const Map& map, std::span<const KeyFrameView> views, const Camera& camera,
+                           int track, int anchor, LocalPoint latest) {
+  const Eigen::Vector3d position = map.tracks[track].position;
+  const auto from_camera = [&](int k) -> Eigen::Vector3d {
+    return position - (map.keyframes[k].rig_from_world.inverse() * camera.rig_from_cam).translation;
+  };
+  const Eigen::Vector3d seen = from_camera(anchor);
+  for (const TrackObservation& o : map.tracks[track].observations) {
+    if (o.keyframe >= latest.keyframe) break;
+    if (!views[o.keyframe].view || !map.keyframes[o.keyframe].inliers[o.feature]) continue;
+    const Eigen::Vector3d then = from_camera(o.keyframe);
+    const double scale = then.norm() / seen.norm();
+    const double cosine = then.dot(seen) / (then.norm() * seen.norm());
+    if (scale > 1 / kMaxScaleChange && scale < kMaxScaleChange && cosine > kMinViewCosine) {
+      latest.keyframe = o.keyframe;
+      latest.feature = o.feature;
+      break;
+    }
+  }
+  return latest;
 }
 
 }  // namespace
@@ -52,7 +78,7 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
       const int track = keyframe.tracks[f];
       if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated || taken[track]) continue;
       taken[track] = 1;
-      local.points.push_back({track, k, f});
+      local.points.push_back(reference_patch(map, views, camera, track, anchor, {track, k, f, k == anchor}));
     }
   }
   std::stable_sort(local.points.begin(), local.points.end(),
@@ -76,7 +102,11 @@ void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, con
       cam_from_keyframe = cam_from_rig * rig_from_world * world_from_keyframe;
       center = world_from_keyframe.translation;
     }
-    PatchQuery query{.keyframe = p.keyframe, .feature = p.feature, .track = p.track, .radius = radius};
+    PatchQuery query{.keyframe = p.keyframe,
+                     .feature = p.feature,
+                     .track = p.track,
+                     .in_anchor = p.in_anchor,
+                     .radius = radius};
     const Eigen::Vector3d& position = map.tracks[p.track].position;
     if (!predict_patch(camera, views[keyframe], p.feature, (position - center).norm(), cam_from_keyframe,
                        &query)) {
@@ -111,7 +141,7 @@ void Localiser::collect_aligned(const Map& map) {
     const int corner = corner_of_query_[i];
     if (!a.converged || (corner < 0 && a.zncc < kMinZnccAligned)) continue;
     const int feature = corner < 0 ? -1 : corners_[corner].feature;
-    candidates_.push_back({queries_[i].track, queries_[i].keyframe, feature, a.pixel});
+    candidates_.push_back({queries_[i].track, queries_[i].in_anchor, feature, a.pixel});
     points_.push_back(map.tracks[queries_[i].track].position);
     pixels_.push_back(a.pixel.cast<double>());
   }
@@ -190,7 +220,7 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
   for (size_t i = 0; i < candidates_.size(); ++i) {
     if (!estimate_.inlier[i]) continue;
     out.matches.push_back(candidates_[i]);
-    out.matched_with_anchor += candidates_[i].keyframe == local.anchor;
+    out.matched_with_anchor += candidates_[i].in_anchor;
   }
   return out;
 }

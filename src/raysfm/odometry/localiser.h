@@ -17,6 +17,7 @@ struct LocalPoint {
   int track = 0;
   int keyframe = 0;
   int feature = 0;
+  bool in_anchor = false;  // the anchor sees the track
 };
 
 // The points that frames near a key frame may see, sorted by key frame.
@@ -33,8 +34,8 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 // A map point seen in a frame.
 struct PointMatch {
   int track = 0;
-  int keyframe = 0;  // whose patch was found
-  int feature = -1;  // of the frame's view; -1 where only the alignment found the place
+  bool in_anchor = false;  // the local map's anchor sees the track
+  int feature = -1;        // of the frame's view; -1 where only the alignment found the place
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 

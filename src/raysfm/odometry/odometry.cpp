@@ -106,9 +106,8 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
 
 void Odometry::set_anchor(int keyframe) {
   local_ = make_local_map(segment().map, segment().views, rig_.cameras[0], keyframe, kReach);
-  anchor_points_ =
-      static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
-                                     [&](const LocalPoint& p) { return p.keyframe == keyframe; }));
+  anchor_points_ = static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
+                                                  [](const LocalPoint& p) { return p.in_anchor; }));
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it.
