@@ -56,8 +56,7 @@ struct PoseEstimate {
 // x^T C^-1 x <= kEllipsoid90.
 Matrix6d covariance_in_world(const Rigid3& rig_from_world, const Matrix6d& covariance);
 
-// Estimates poses; keeps its buffers from call to call, so that a frame costs no allocation once the largest
-// frame has been seen. One per thread.
+// Estimates poses; keeps the buffers that grow with the observations from call to call. One per thread.
 class PoseEstimator {
  public:
   PoseEstimator();
