@@ -1,16 +1,19 @@
 #include "raysfm/odometry/mapper.h"
 
 #include <algorithm>
+#include <tuple>
 
 #include "raysfm/bundle/local_bundle.h"
-#include "raysfm/geometry/triangulation.h"
 
 namespace raysfm {
 namespace {
 
 constexpr float kMinZncc = 0.75f;
-constexpr double kMinParallax = 0.006;  // radians
-constexpr int kMinShared = 10;          // points that make an older key frame part of the window
+// Radians. Points of little parallax make their depth up and bias what is posed by them; they are taken only
+// where a key frame has too few others.
+constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
+constexpr int kEnoughPoints = 200;
+constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;       // pixels
 constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
@@ -127,26 +130,39 @@ void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
   }
 }
 
-void Mapper::triangulate_tracks(int keyframe, Map* map) {
+bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation* result) {
   const Camera& camera = rig_.cameras[0];
-  const double max_angle = kInlierError / camera.pixels_per_radian();
+  rays_.clear();
+  for (const TrackObservation& o : track.observations) {
+    const MapKeyFrame& k = map.keyframes[o.keyframe];
+    Ray ray;
+    if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
+    const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
+    rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
+  }
+  return triangulate(rays_, result) && result->max_angle < kInlierError / camera.pixels_per_radian();
+}
+
+void Mapper::triangulate_tracks(int keyframe, Map* map) {
   const MapKeyFrame& seen_from = map->keyframes[keyframe];
-  for (int f = 0; f < seen_from.size(); ++f) {
-    const int t = seen_from.tracks[f];
-    if (t < 0 || map->tracks[t].triangulated || map->tracks[t].observations.size() < 2) continue;
-    Track& track = map->tracks[t];
-    rays_.clear();
-    for (const TrackObservation& o : track.observations) {
-      const MapKeyFrame& k = map->keyframes[o.keyframe];
-      Ray ray;
-      if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
-      const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
-      rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
-    }
+  int known = 0;
+  candidates_.clear();
+  for (const int t : seen_from.tracks) {
+    if (t < 0) continue;
+    known += map->tracks[t].triangulated;
     Triangulation result;
-    if (!triangulate(rays_, &result)) continue;
-    if (result.parallax < kMinParallax || result.max_angle > max_angle) continue;
-    track.position = result.point;
+    if (map->tracks[t].triangulated || map->tracks[t].observations.size() < 2) continue;
+    if (!triangulate_track(*map, map->tracks[t], &result) || result.parallax < kLeastParallax) continue;
+    candidates_.push_back({-result.parallax, t, result.point});
+  }
+  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
+    return std::tie(a.negative_parallax, a.track) < std::tie(b.negative_parallax, b.track);
+  });
+  for (const Candidate& c : candidates_) {
+    if (-c.negative_parallax < kMinParallax && known >= kEnoughPoints) break;
+    ++known;
+    Track& track = map->tracks[c.track];
+    track.position = c.point;
     track.triangulated = true;
     for (const TrackObservation& o : track.observations) map->keyframes[o.keyframe].inliers[o.feature] = 1;
   }

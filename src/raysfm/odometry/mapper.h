@@ -5,6 +5,7 @@
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/core/timer.h"
+#include "raysfm/geometry/triangulation.h"
 #include "raysfm/odometry/guided_matcher.h"
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/options.h"
@@ -37,6 +38,13 @@ class Mapper {
   StageTiming keyframe_timing, adjust_timing;
 
  private:
+  struct Candidate {
+    double negative_parallax;
+    int track;
+    Eigen::Vector3d point;
+  };
+
+  bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
   void choose_window(const Map& map, int first_observed);
   void adjust(Map* map, int first_observed, int first_free, int max_iterations);
 
@@ -49,6 +57,7 @@ class Mapper {
   std::vector<Eigen::Vector2f> starts_;
   std::vector<PatchAlignment> alignments_;
   std::vector<Ray> rays_;
+  std::vector<Candidate> candidates_;
 
   // The window as flat arrays, and where its elements came from.
   std::vector<int> window_keyframes_, window_pose_of_keyframe_;

@@ -17,7 +17,9 @@ constexpr float kRadius = 0.015f, kWideRadius = 0.04f, kBlindRadius = 0.12f;
 constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.15;   // of the visible points
 constexpr double kGoodMatchedShare = 0.35;  // below, a wider search is worth its time
-constexpr double kKeyFrameShare = 0.6;      // rule 1 of 2.4 where the key frame has few points
+// A key frame is due once the camera has moved by this part of the distance to the points.
+constexpr double kKeyFrameBaseline = 0.08;
+constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 bool believable(const Localisation& pose) {
   const int found = static_cast<int>(pose.matches.size());
@@ -26,6 +28,13 @@ bool believable(const Localisation& pose) {
 
 bool convincing(const Localisation& pose) {
   return believable(pose) && static_cast<double>(pose.matches.size()) >= kGoodMatchedShare * pose.visible;
+}
+
+double median(std::vector<double>& values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
 // Pose part of the way from a to b.
@@ -106,8 +115,14 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
 
 void Odometry::set_anchor(int keyframe) {
   local_ = make_local_map(segment().map, segment().views, rig_.cameras[0], keyframe, kReach);
-  anchor_points_ = static_cast<int>(std::count_if(local_.points.begin(), local_.points.end(),
-                                                  [](const LocalPoint& p) { return p.in_anchor; }));
+  std::vector<double> distances;
+  for (const LocalPoint& p : local_.points) {
+    if (p.in_anchor)
+      distances.push_back(
+          (segment().map.keyframes[keyframe].rig_from_world * segment().map.tracks[p.track].position).norm());
+  }
+  anchor_points_ = static_cast<int>(distances.size());
+  anchor_distance_ = median(distances);
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it.
@@ -217,6 +232,9 @@ void Odometry::track(const ViewPtr& view) {
 bool Odometry::needs_keyframe(const Localisation& pose) const {
   const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
   if (pose.matched_with_anchor < enough) return true;
+  const Rigid3 step =
+      pose.rig_from_world * segments_.back().map.keyframes[local_.anchor].rig_from_world.inverse();
+  if (step.translation.norm() > kKeyFrameBaseline * anchor_distance_) return true;
   const Eigen::Matrix3d position =
       covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();
   const double semi_axis =

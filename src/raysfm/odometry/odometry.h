@@ -99,7 +99,8 @@ class Odometry {
   std::vector<FrameRecord> frames_;
   std::optional<Previous> previous_;
   LocalMap local_;
-  int anchor_points_ = 0;  // of local_ seen by its key frame
+  int anchor_points_ = 0;       // of local_ seen by its key frame
+  double anchor_distance_ = 0;  // median distance of these points from it
   int posed_ = 0;
   StageTiming detect_timing_, start_timing_, frame_timing_;
 };
