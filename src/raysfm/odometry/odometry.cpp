@@ -18,7 +18,7 @@ constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.15;   // of the visible points
 constexpr double kGoodMatchedShare = 0.35;  // below, a wider search is worth its time
 // A key frame is due once the camera has moved by this part of the distance to the points.
-constexpr double kKeyFrameBaseline = 0.08;
+constexpr double kKeyFrameBaseline = 0.055;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 bool believable(const Localisation& pose) {
