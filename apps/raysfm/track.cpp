@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -20,9 +21,11 @@ namespace {
 std::atomic<bool> stop_requested = false;
 volatile std::sig_atomic_t received_signal = 0;
 
+// The first signal asks for an orderly end, the second ends at once.
 void on_signal(int signal) {
   received_signal = signal;
   stop_requested = true;
+  std::signal(signal, SIG_DFL);
 }
 
 struct Arguments {
@@ -76,6 +79,15 @@ std::string first_reason(const Reconstruction& r) {
   return "no frames";
 }
 
+// The effective configuration goes to config.yaml, which must not be the camera that is read.
+Result<void> prepare_output(const TrackSettings& settings, const std::string& out) {
+  std::error_code missing;
+  if (std::filesystem::equivalent(std::filesystem::path(out) / "config.yaml", settings.camera, missing)) {
+    return bad_input(fmt::format("--out: {} would overwrite the camera file {}", out, settings.camera));
+  }
+  return prepare_output_folder(out);
+}
+
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
   TrackSettings& settings = arguments.settings;
   stop_requested = false;
@@ -84,6 +96,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   ProgressPrinter printer(common.quiet);
   TrackCallbacks callbacks;
   callbacks.stop = &stop_requested;
+  callbacks.ready = [&] { return prepare_output(settings, arguments.out); };
   callbacks.progress = [&](const TrackProgress& p) { printer.show(p); };
   callbacks.event = [&](const Event& e) {
     printer.line((e.level == Event::Level::kWarning ? "warning: " : "") + e.message);

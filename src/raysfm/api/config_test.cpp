@@ -18,8 +18,8 @@ class ConfigTest : public testing::Test {
   }
   ~ConfigTest() override { std::filesystem::remove(path_); }
 
-  std::filesystem::path path_ = std::filesystem::temp_directory_path() /
-                                ("raysfm_config_" + std::to_string(::getpid()) + ".yaml");
+  std::filesystem::path path_ =
+      std::filesystem::temp_directory_path() / ("raysfm_config_" + std::to_string(::getpid()) + ".yaml");
   TrackSettings settings_;
 };
 

@@ -40,6 +40,8 @@ struct TrackResult {
 
 struct TrackCallbacks {
   EventSink event;
+  // Called once, when everything given has been found good and before the first frame; an error ends the run.
+  std::function<Result<void>()> ready;
   std::function<void(const TrackProgress&)> progress;
   const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
 };

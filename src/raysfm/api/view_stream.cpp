@@ -1,20 +1,21 @@
 #include "raysfm/api/view_stream.h"
 
+#include <algorithm>
+#include <exception>
+
 namespace raysfm {
 namespace {
 
 constexpr size_t kAhead = 8;  // views
 
-Result<ViewPtr> detected(InputFrame frame, const HarrisOptions& options) {
-  thread_local HarrisDetector detector;
-  auto view = std::make_shared<View>();
-  view->frame = frame.index;
-  view->timestamp = frame.timestamp;
-  view->name = std::move(frame.name);
-  view->image = std::move(frame.gray);
-  view->bgr = std::move(frame.bgr);
-  detect(detector, options, view.get());
-  return ViewPtr(std::move(view));
+// The part of an image with `channels` values per pixel that a camera's image is.
+template <typename Pixels>
+Pixels cropped(const Pixels& image, const Roi& roi, int channels) {
+  Pixels part(roi.w * channels, roi.h);
+  for (int y = 0; y < roi.h; ++y) {
+    std::copy_n(image.row(roi.y + y) + roi.x * channels, roi.w * channels, part.row(y));
+  }
+  return part;
 }
 
 template <typename T>
@@ -26,18 +27,39 @@ std::future<T> ready(T value) {
 
 }  // namespace
 
-ViewStream::ViewStream(FrameSource& source, const HarrisOptions& options, int threads)
-    : source_(source), options_(options), pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
+ViewStream::ViewStream(FrameSource& source, const Roi& roi, const HarrisOptions& options, int threads)
+    : source_(source),
+      roi_(roi),
+      options_(options),
+      pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
   if (threads > 1) reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
 }
 
 ViewStream::~ViewStream() {
+  finish();
+  pool_.reset();
+}
+
+const StageTiming& ViewStream::finish() {
   if (reader_.joinable()) {
     reader_.request_stop();
     changed_.notify_all();
     reader_.join();
   }
-  pool_.reset();
+  return decode_timing_;
+}
+
+ViewStream::Item ViewStream::detected(InputFrame frame) const {
+  thread_local HarrisDetector detector;
+  auto view = std::make_shared<View>();
+  view->frame = frame.index;
+  view->timestamp = frame.timestamp;
+  view->name = std::move(frame.name);
+  const bool whole = roi_.w == 0;
+  view->image = whole ? std::move(frame.gray) : cropped(frame.gray, roi_, 1);
+  if (frame.bgr.width() > 0) view->bgr = whole ? std::move(frame.bgr) : cropped(frame.bgr, roi_, 3);
+  detect(detector, options_, view.get());
+  return ViewPtr(std::move(view));
 }
 
 std::future<ViewStream::Item> ViewStream::read() {
@@ -47,13 +69,20 @@ std::future<ViewStream::Item> ViewStream::read() {
   if (!frame->has_value()) return ready<Item>(ViewPtr());
   decode_timing_.add(milliseconds_since(start));
   auto shared = std::make_shared<InputFrame>(std::move(**frame));
-  return pool_->submit([this, shared] { return detected(std::move(*shared), options_); });
+  return pool_->submit([this, shared] { return detected(std::move(*shared)); });
 }
 
 void ViewStream::read_ahead(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     const int before = static_cast<int>(decode_timing_.count);
-    std::future<Item> item = read();
+    std::future<Item> item;
+    try {
+      item = read();
+    } catch (...) {  // out of memory; thrown again by next()
+      std::promise<Item> failed;
+      failed.set_exception(std::current_exception());
+      item = failed.get_future();
+    }
     const bool last = decode_timing_.count == before;  // the end, or an error
     std::unique_lock lock(mutex_);
     queue_.push_back(std::move(item));

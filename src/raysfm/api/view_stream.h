@@ -18,8 +18,10 @@ namespace raysfm {
 // calls of next(); the views are the same.
 class ViewStream {
  public:
-  // `source` must outlive the stream. `options.mask` may be empty.
-  ViewStream(FrameSource& source, const HarrisOptions& options, int threads);
+  // Views of the part `roi` of each frame, which lies inside it; empty (w = 0): of the whole frame. `source`
+  // and what `options.mask` points to must outlive the stream; the mask has the size of the views or is
+  // empty.
+  ViewStream(FrameSource& source, const Roi& roi, const HarrisOptions& options, int threads);
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
@@ -27,15 +29,17 @@ class ViewStream {
   // The next view; null at the end.
   Result<ViewPtr> next();
 
-  // Complete once next() has returned null.
-  const StageTiming& decode_timing() const { return decode_timing_; }
+  // Ends reading, wherever it is, and tells the time that decoding took. next() may not be called again.
+  const StageTiming& finish();
 
  private:
   using Item = Result<ViewPtr>;
   std::future<Item> read();
+  Item detected(InputFrame frame) const;
   void read_ahead(const std::stop_token& stop);
 
   FrameSource& source_;
+  Roi roi_;
   HarrisOptions options_;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection

@@ -1,7 +1,11 @@
 #include "raysfm/io/output_folder.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
 #include <system_error>
 
 #include "raysfm/io/atomic_file.h"
@@ -50,16 +54,34 @@ Trajectory posed_keyframes(const Reconstruction& reconstruction) {
   return trajectory;
 }
 
-Result<void> write_output_folder(const Reconstruction& reconstruction, const Report& report,
-                                 const std::string& config, const std::filesystem::path& folder) {
+Result<void> prepare_output_folder(const std::filesystem::path& folder) {
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);
+  if (!failure && !std::filesystem::is_directory(folder))
+    failure = std::make_error_code(std::errc::not_a_directory);
   if (failure) {
     return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
   }
-  Result<void> written = write_trajectory(posed_frames(reconstruction),
-                                          trajectory_header(reconstruction, "every frame with a pose"),
-                                          folder / "trajectory.txt");
+  // Permission bits do not tell: root passes them and a read-only file system does not have them.
+  std::string probe = (folder / ".raysfm-XXXXXX").string();
+  const int file = ::mkstemp(probe.data());
+  if (file < 0) {
+    return bad_input(
+        fmt::format("{}: files cannot be written to this folder: {}", folder.string(), std::strerror(errno)));
+  }
+  ::close(file);
+  ::unlink(probe.c_str());
+  return {};
+}
+
+Result<void> write_output_folder(const Reconstruction& reconstruction, const Report& report,
+                                 const std::string& config, const std::filesystem::path& folder) {
+  Result<void> written = prepare_output_folder(folder);
+  if (written) {
+    written = write_trajectory(posed_frames(reconstruction),
+                               trajectory_header(reconstruction, "every frame with a pose"),
+                               folder / "trajectory.txt");
+  }
   if (written) {
     written = write_trajectory(posed_keyframes(reconstruction),
                                trajectory_header(reconstruction, "key frames"), folder / "keyframes.txt");
