@@ -7,11 +7,10 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMinZncc = 0.7f;
-constexpr float kMinZnccAligned = 0.8f;   // where no corner confirms the place
-constexpr float kMaxCornerOffset = 3.0f;  // pixels between a corner and the place that the pose predicts
-constexpr double kCornerError = 4.0;      // pixels: inliers before the alignment
-constexpr double kAlignedError = 2.0;     // pixels: inliers after it
+constexpr float kMinZncc = 0.75f;
+constexpr int kMaxLocalPoints = 800;
+constexpr double kCornerError = 4.0;   // pixels: inliers before the alignment
+constexpr double kAlignedError = 2.0;  // pixels: inliers after it
 constexpr int kMinInliers = 20;
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
@@ -73,6 +72,7 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 
   std::vector<uint8_t> taken(map.tracks.size(), 0);
   for (const auto& [seen, k] : others) {
+    if (static_cast<int>(local.points.size()) >= kMaxLocalPoints) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
       const int track = keyframe.tracks[f];
@@ -87,14 +87,16 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 }
 
 void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                        const Rigid3& rig_from_world, float radius) {
+                        const Rigid3& rig_from_world, float radius, int max_points) {
   const Camera& camera = rig_.cameras[0];
   const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
   queries_.clear();
   int keyframe = -1;
   Rigid3 cam_from_keyframe;
   Eigen::Vector3d center = Eigen::Vector3d::Zero();  // of the key frame, world
-  for (const LocalPoint& p : local.points) {
+  const int step = std::max(1, static_cast<int>(local.points.size()) / max_points);
+  for (size_t i = 0; i < local.points.size(); i += step) {
+    const LocalPoint& p = local.points[i];
     if (p.keyframe != keyframe) {
       keyframe = p.keyframe;
       const Rigid3 world_from_keyframe =
@@ -116,34 +118,6 @@ void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, con
     if (!camera.project(cam_from_rig * (rig_from_world * position), &pixel)) continue;
     query.predicted = pixel.cast<float>();
     queries_.push_back(query);
-  }
-}
-
-// The places of queries near a corner that the first pass matched keep that corner.
-void Localiser::keep_corners(std::span<const int> corner_of_track) {
-  corner_of_query_.assign(queries_.size(), -1);
-  starts_.clear();
-  for (size_t i = 0; i < queries_.size(); ++i) {
-    const int corner = corner_of_track[queries_[i].track];
-    const bool near =
-        corner >= 0 && (corners_[corner].pixel - queries_[i].predicted).norm() < kMaxCornerOffset;
-    if (near) corner_of_query_[i] = corner;
-    starts_.push_back(queries_[i].predicted);
-  }
-}
-
-void Localiser::collect_aligned(const Map& map) {
-  candidates_.clear();
-  points_.clear();
-  pixels_.clear();
-  for (size_t i = 0; i < queries_.size(); ++i) {
-    const PatchAlignment& a = alignments_[i];
-    const int corner = corner_of_query_[i];
-    if (!a.converged || (corner < 0 && a.zncc < kMinZnccAligned)) continue;
-    const int feature = corner < 0 ? -1 : corners_[corner].feature;
-    candidates_.push_back({queries_[i].track, queries_[i].in_anchor, feature, a.pixel});
-    points_.push_back(map.tracks[queries_[i].track].position);
-    pixels_.push_back(a.pixel.cast<double>());
   }
 }
 
@@ -172,24 +146,43 @@ bool Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> ma
   return true;
 }
 
-void Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+// Sub-pixel places of all visible points about a first pose, and the pose that they give.
+bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                       const View& view) {
-  ScopedTimer timer(align_timing);
-  corner_of_track_.assign(map.tracks.size(), -1);
-  for (size_t i = 0; i < corners_.size(); ++i) {
-    corner_of_track_[queries_[corners_[i].query].track] = static_cast<int>(i);
+  {
+    ScopedTimer timer(align_timing);
+    predict(map, views, local, estimate_.rig_from_world, 0, kMaxLocalPoints);
+    starts_.clear();
+    for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
+    matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinZncc}, &alignments_);
+    aligned_.clear();
+    points_.clear();
+    pixels_.clear();
+    for (size_t i = 0; i < queries_.size(); ++i) {
+      if (!alignments_[i].converged) continue;
+      aligned_.push_back({queries_[i].track, queries_[i].in_anchor, alignments_[i].pixel});
+      points_.push_back(map.tracks[queries_[i].track].position);
+      pixels_.push_back(alignments_[i].pixel.cast<double>());
+    }
   }
-  predict(map, views, local, estimate_.rig_from_world, kMaxCornerOffset);
-  keep_corners(corner_of_track_);
-  matcher_.align(views, queries_, starts_, view, {}, &alignments_);
-  collect_aligned(map);
+  return refine_estimate();
+}
+
+// estimate_ again, from points_ and pixels_.
+bool Localiser::refine_estimate() {
+  ScopedTimer timer(pose_timing);
+  estimate_.inlier.assign(points_.size(), 1);
+  estimator_.refine(rig_, {points_, pixels_, {}}, {.max_error_px = kAlignedError, .min_inliers = kMinInliers},
+                    &estimate_);
+  return estimate_.ok();
 }
 
 Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                                 const View& view, const Rigid3& predicted_rig_from_world, float radius) {
+                                 const View& view, const Rigid3& predicted_rig_from_world,
+                                 const SearchRange& range) {
   {
     ScopedTimer timer(match_timing);
-    predict(map, views, local, predicted_rig_from_world, radius);
+    predict(map, views, local, predicted_rig_from_world, range.radius_px, range.coarse_points);
     matcher_.match(views, queries_, view, kMinZncc, &corners_);
     points_.clear();
     pixels_.clear();
@@ -199,16 +192,14 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     }
   }
   Localisation out;
-  out.visible = static_cast<int>(queries_.size());
   if (!estimate(&predicted_rig_from_world, view.frame, kCornerError)) {
     out.reason = fmt::format("{} of {} visible points matched, {} agree on a pose", corners_.size(),
-                             out.visible, estimate_.inlier_count);
+                             queries_.size(), estimate_.inlier_count);
     return out;
   }
-  align(map, views, local, view);
+  const bool aligned = align(map, views, local, view);
   out.visible = static_cast<int>(queries_.size());
-  const Rigid3 prior = estimate_.rig_from_world;
-  if (!estimate(&prior, view.frame, kAlignedError)) {
+  if (!aligned) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
                              out.visible, estimate_.inlier_count);
     return out;
@@ -217,10 +208,10 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
   out.rig_from_world = estimate_.rig_from_world;
   out.covariance = estimate_.covariance;
   out.sigma_px = estimate_.sigma_px;
-  for (size_t i = 0; i < candidates_.size(); ++i) {
+  for (size_t i = 0; i < aligned_.size(); ++i) {
     if (!estimate_.inlier[i]) continue;
-    out.matches.push_back(candidates_[i]);
-    out.matched_with_anchor += candidates_[i].in_anchor;
+    out.matches.push_back(aligned_[i]);
+    out.matched_with_anchor += aligned_[i].in_anchor;
   }
   return out;
 }
@@ -235,10 +226,7 @@ bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigi
     pixels_.push_back(m.pixel.cast<double>());
   }
   estimate_.rig_from_world = *rig_from_world;
-  estimate_.inlier.assign(points_.size(), 1);
-  estimator_.refine(rig_, {points_, pixels_, {}}, {.max_error_px = kAlignedError, .min_inliers = kMinInliers},
-                    &estimate_);
-  if (!estimate_.ok()) return false;
+  if (!refine_estimate()) return false;
   *rig_from_world = estimate_.rig_from_world;
   *covariance = estimate_.covariance;
   return true;

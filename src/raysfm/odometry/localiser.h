@@ -35,7 +35,6 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 struct PointMatch {
   int track = 0;
   bool in_anchor = false;  // the local map's anchor sees the track
-  int feature = -1;        // of the frame's view; -1 where only the alignment found the place
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
@@ -43,6 +42,13 @@ struct PointMatch {
 struct TrackPixel {
   int track = 0;
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+};
+
+// How far the search for map points goes before a first pose is known.
+struct SearchRange {
+  float radius_px = 0;  // of the region of interest about a predicted place
+  int coarse_points =
+      0;  // of the local map that are matched with corners, about; the others wait for the pose
 };
 
 // Pose of a frame against the map, or why there is none.
@@ -63,10 +69,10 @@ class Localiser {
  public:
   Localiser(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
-  // `radius`: of the region of interest about the predicted places, pixels. Points that are not found near a
-  // corner are still aligned where the pose expects them.
+  // Some points of the local map are matched with corners for a first pose; then all are aligned where that
+  // pose expects them.
   Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                        const View& view, const Rigid3& predicted_rig_from_world, float radius);
+                        const View& view, const Rigid3& predicted_rig_from_world, const SearchRange& range);
 
   // Pose from matches that are corners still, with outliers among them. False where they do not determine it.
   bool pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
@@ -81,11 +87,10 @@ class Localiser {
 
  private:
   void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-               const Rigid3& rig_from_world, float radius);
+               const Rigid3& rig_from_world, float radius, int max_points);
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
-  void align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
-  void keep_corners(std::span<const int> corner_of_track);
-  void collect_aligned(const Map& map);
+  bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
+  bool refine_estimate();
 
   const Rig& rig_;
   const OdometryOptions& options_;
@@ -94,12 +99,11 @@ class Localiser {
   PoseEstimate estimate_;
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> corners_;
-  std::vector<int> corner_of_query_, corner_of_track_;
   std::vector<Eigen::Vector2f> starts_;
   std::vector<PatchAlignment> alignments_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2d> pixels_;
-  std::vector<PointMatch> candidates_;
+  std::vector<PointMatch> aligned_;
 };
 
 }  // namespace raysfm

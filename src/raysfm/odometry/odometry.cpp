@@ -12,14 +12,22 @@ namespace {
 constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
 constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
 constexpr int kKeptViews = 60;           // key frames whose images are kept
-// Radii of the region of interest as parts of the image's width: prediction good, doubtful, none.
-constexpr float kRadius = 0.015f, kWideRadius = 0.04f, kBlindRadius = 0.12f;
+// How the search widens: radius as a part of the image's width, and points matched for a first pose.
+struct Effort {
+  float radius_share;
+  int coarse_points;
+};
+constexpr Effort kNear{0.015f, 300}, kWide{0.04f, 600}, kBlind{0.12f, 1000};
 constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.15;   // of the visible points
 constexpr double kGoodMatchedShare = 0.35;  // below, a wider search is worth its time
 // A key frame is due once the camera has moved by this part of the distance to the points.
 constexpr double kKeyFrameBaseline = 0.055;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
+
+SearchRange range_of(const Effort& effort, const View& view) {
+  return {effort.radius_share * static_cast<float>(view.image.width()), effort.coarse_points};
+}
 
 bool believable(const Localisation& pose) {
   const int found = static_cast<int>(pose.matches.size());
@@ -126,13 +134,12 @@ void Odometry::set_anchor(int keyframe) {
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it.
-bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe, float radius_share,
+bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure,
                          Rigid3* rig_from_world) {
-  const float radius = radius_share * static_cast<float>(view.image.width());
   const Map& map = segment().map;
   const Localisation pose = localiser_.localise(
       map, segment().views, make_local_map(map, segment().views, rig_.cameras[0], keyframe, kReach), view,
-      predicted, radius);
+      predicted, range_of(sure ? kNear : kWide, view));
   if (!believable(pose)) {
     frames_[view.frame].reason =
         fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
@@ -162,7 +169,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<ViewPtr>&
                               double(view.frame - a.frame) / double(b.frame - a.frame));
     const bool seen =
         localiser_.pose_from_matches(map, start.seen[i - start.first_view - 1], view.frame, &pose);
-    pose_near(view, pose, keyframe, seen ? kRadius : kWideRadius, &pose);
+    pose_near(view, pose, keyframe, seen, &pose);
   }
 }
 
@@ -171,7 +178,7 @@ void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_
   Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
   for (int i = first_view - 1; i >= 0; --i) {
     Rigid3 pose;
-    if (!pose_near(*views[i], velocity * next, 0, kWideRadius, &pose)) break;
+    if (!pose_near(*views[i], velocity * next, 0, false, &pose)) break;
     velocity = pose * next.inverse();
     next = pose;
   }
@@ -184,18 +191,14 @@ void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_
 }
 
 Localisation Odometry::localise(const View& view) {
-  const float width = static_cast<float>(view.image.width());
-  const Rigid3 moving = previous_->velocity * previous_->pose.rig_from_world;
-  Localisation best =
-      localiser_.localise(segment().map, segment().views, local_, view, moving, kRadius * width);
-  if (convincing(best)) return best;
-  const std::pair<Rigid3, float> others[] = {{moving, kWideRadius},
-                                             {previous_->pose.rig_from_world, kBlindRadius}};
-  for (const auto& [predicted, radius] : others) {
-    Localisation wider =
-        localiser_.localise(segment().map, segment().views, local_, view, predicted, radius * width);
-    if (wider.ok && (!best.ok || wider.matches.size() > best.matches.size())) best = std::move(wider);
-    if (convincing(best)) break;
+  const Rigid3 still = previous_->pose.rig_from_world, moving = previous_->velocity * still;
+  Localisation best;
+  for (const auto& [predicted, effort] :
+       {std::pair(moving, kNear), std::pair(moving, kWide), std::pair(still, kBlind)}) {
+    Localisation pose =
+        localiser_.localise(segment().map, segment().views, local_, view, predicted, range_of(effort, view));
+    if (convincing(pose)) return pose;
+    if (!best.ok || (pose.ok && pose.matches.size() > best.matches.size())) best = std::move(pose);
   }
   return best;
 }
@@ -217,9 +220,9 @@ void Odometry::track(const ViewPtr& view) {
       promote(previous_->view, previous_->pose);
       previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
       const Rigid3 predicted = pose.rig_from_world * before.inverse() * previous_->pose.rig_from_world;
-      const Localisation first = pose;
       pose = localiser_.localise(segment().map, segment().views, local_, *view, predicted,
-                                 kRadius * static_cast<float>(view->image.width()));
+                                 range_of(kNear, *view));
+      if (!convincing(pose)) pose = localise(*view);
       if (!believable(pose)) {
         lose(view, "the new key frame does not see what the frame sees");
         return;
@@ -322,14 +325,13 @@ void Odometry::lose(const ViewPtr& view, const std::string& reason) {
 bool Odometry::relocalise(const ViewPtr& view) {
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
-  const float radius = kBlindRadius * static_cast<float>(view->image.width());
   for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
     const LocalMap local = make_local_map(map, segment().views, rig_.cameras[0], k, 0);
-    Localisation pose =
-        localiser_.localise(map, segment().views, local, *view, map.keyframes[k].rig_from_world, radius);
+    Localisation pose = localiser_.localise(map, segment().views, local, *view,
+                                            map.keyframes[k].rig_from_world, range_of(kBlind, *view));
     if (!convincing(pose)) continue;
-    pose = localiser_.localise(map, segment().views, local_, *view, pose.rig_from_world,
-                               kRadius * static_cast<float>(view->image.width()));
+    pose =
+        localiser_.localise(map, segment().views, local_, *view, pose.rig_from_world, range_of(kNear, *view));
     if (!believable(pose)) continue;
     tell(Event::Level::kInfo, fmt::format("track found again at frame {} in key frame {}", view->frame, k));
     starter_.emplace(rig_, options_);

@@ -71,8 +71,7 @@ class Odometry {
   void begin_segment(Start start, const std::vector<ViewPtr>& views);
   void pose_start_frames(const Start& start, const std::vector<ViewPtr>& views);
   void pose_earlier_frames(const std::vector<ViewPtr>& views, int first_view);
-  bool pose_near(const View& view, const Rigid3& predicted, int keyframe, float radius_share,
-                 Rigid3* rig_from_world);
+  bool pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure, Rigid3* rig_from_world);
   void track(const ViewPtr& view);
   Localisation localise(const View& view);
   bool relocalise(const ViewPtr& view);
