@@ -41,7 +41,10 @@ Json starts_json(const std::vector<StartSummary>& starts) {
 Json timing_json(const Report& report) {
   Json timing = Json::object();
   for (const auto& [name, stage] : report.stages) {
-    timing[name] = {{"mean_ms", stage.mean_ms()}, {"max_ms", stage.max_ms}, {"count", stage.count}};
+    timing[name] = {{"mean_ms", stage.mean_ms()},
+                    {"median_ms", stage.median_ms()},
+                    {"max_ms", stage.max_ms},
+                    {"count", stage.count}};
   }
   timing["wall_s"] = report.wall_s;
   timing["frames_per_second"] = report.frames_per_second;

@@ -213,7 +213,7 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   choose_window(*map, first_observed);
   for (const int k : window_keyframes_) {
     window_poses_.push_back(map->keyframes[k].rig_from_world);
-    window_free_.push_back(k >= first_free);
+    window_free_.push_back(k >= first_free && k > 0);  // the first key frame is the world
   }
   for (const int t : window_tracks_) {
     for (const TrackObservation& o : map->tracks[t].observations) {

@@ -45,6 +45,19 @@ double median(std::vector<double>& values) {
   return *middle;
 }
 
+// A key frame as if it had been localised, with its own observations.
+Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
+  Localisation pose;
+  pose.ok = true;
+  pose.rig_from_world = keyframe.rig_from_world;
+  for (int f = 0; f < keyframe.size(); ++f) {
+    const int track = keyframe.tracks[f];
+    if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
+    pose.matches.push_back({track, true, keyframe.pixels[f]});
+  }
+  return pose;
+}
+
 // Pose part of the way from a to b.
 Rigid3 interpolate(const Rigid3& a, const Rigid3& b, double part) {
   return {a.rotation.slerp(part, b.rotation), (1 - part) * a.translation + part * b.translation};
@@ -66,7 +79,7 @@ void Odometry::tell(Event::Level level, std::string message) const {
 }
 
 void Odometry::process(ViewPtr view) {
-  ScopedTimer timer(frame_timing_);
+  const Clock::time_point begin = Clock::now();
   detect_timing_.add(view->detect_ms);
   frames_.emplace_back();
   frames_.back().timestamp = view->timestamp;
@@ -76,6 +89,7 @@ void Odometry::process(ViewPtr view) {
   } else if (segments_.empty() || !relocalise(view)) {
     start(view);
   }
+  frame_timing_.add(view->detect_ms + milliseconds_since(begin));
 }
 
 void Odometry::start(const ViewPtr& view) {
@@ -101,9 +115,7 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
 
   const auto third =
       std::find_if(views.begin(), views.end(), [&](const ViewPtr& v) { return v->frame == chosen[2]; });
-  Localisation pose;
-  pose.ok = true;
-  pose.rig_from_world = segment().map.keyframes[2].rig_from_world;
+  const Localisation pose = seen_by_keyframe(segment().map.keyframes[2], segment().map);
   const FrameRecord& before = frames_[chosen[2] - 1];
   Rigid3 velocity;
   if (before.segment + 1 == static_cast<int>(segments_.size())) {
@@ -158,9 +170,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<ViewPtr>&
     const View& view = *views[i];
     while (keyframe < 2 && view.frame >= map.keyframes[keyframe + 1].frame) ++keyframe;
     if (view.frame == map.keyframes[keyframe].frame) {
-      Localisation pose;
-      pose.rig_from_world = map.keyframes[keyframe].rig_from_world;
-      record(view, pose, keyframe);
+      record(view, seen_by_keyframe(map.keyframes[keyframe], map), keyframe);
       if (keyframe == 2) break;
       continue;
     }
