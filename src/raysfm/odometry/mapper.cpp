@@ -13,7 +13,8 @@ constexpr float kMinZncc = 0.75f;
 // where a key frame has too few others.
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
 constexpr int kEnoughPoints = 200;
-constexpr int kMinShared = 10;  // points that make an older key frame part of the window
+constexpr double kLeastDecrease = 1e-4;  // of the cost: where an adjustment stops
+constexpr int kMinShared = 10;           // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;       // pixels
 constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
@@ -140,6 +141,11 @@ bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation
     const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
     rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
   }
+  // Most tracks without a position are far away; their parallax tells it at once.
+  double largest = 0;
+  for (const Ray& ray : rays_)
+    largest = std::max(largest, (ray.direction - rays_[0].direction).squaredNorm());
+  if (largest < kLeastParallax * kLeastParallax) return false;
   return triangulate(rays_, result) && result->max_angle < kInlierError / camera.pixels_per_radian();
 }
 
@@ -229,7 +235,9 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
 
   const BundleProblem problem{rig_.cameras, window_poses_,        window_free_,   window_points_,
                               {},           window_observations_, window_inliers_};
-  const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0}, .max_iterations = max_iterations};
+  const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0},
+                              .max_iterations = max_iterations,
+                              .min_relative_decrease = kLeastDecrease};
   adjuster_.adjust_two_stage(problem, options, kInlierError);
 
   for (int k = first_free; k < count; ++k) {
