@@ -11,9 +11,11 @@
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <string_view>
 #include <vector>
 
+#include "raysfm/io/png_chunks.h"
 #include "raysfm/io/text_file.h"
 
 namespace raysfm {
@@ -34,14 +36,12 @@ bool begins_like_image(std::string_view head) {
          (head.starts_with("BM") && head.size() > 14);
 }
 
-// Whether the mark at the end of a JPEG or PNG file is missing. libjpeg fills what is missing with grey and
-// says nothing, libpng prints; so it is better known before.
+// Whether the mark at the end of a JPEG file is missing. libjpeg fills what is missing with grey and says
+// nothing.
 bool cut_short(std::string_view bytes) {
   constexpr size_t kTail = 65536;  // some cameras append data of their own
   const std::string_view tail = bytes.substr(bytes.size() - std::min(bytes.size(), kTail));
-  if (bytes.starts_with("\xff\xd8\xff")) return tail.find("\xff\xd9") == std::string_view::npos;
-  if (bytes.starts_with("\x89PNG")) return tail.find("IEND") == std::string_view::npos;
-  return false;
+  return bytes.starts_with("\xff\xd8\xff") && tail.find("\xff\xd9") == std::string_view::npos;
 }
 
 template <typename Pixels>
@@ -68,7 +68,11 @@ DecodedImage converted(cv::Mat mat) {
   return image;
 }
 
-cv::Mat decoded(const std::string& bytes) {
+cv::Mat decoded(const std::string& file) {
+  const bool png = file.starts_with("\x89PNG");
+  const std::optional<std::string> chunks = png ? pixel_chunks_of_png(file) : std::nullopt;
+  if (cut_short(file) || (png && !chunks)) return {};
+  const std::string& bytes = png ? *chunks : file;
   // OpenCV would print on its own what is returned as an error here.
   [[maybe_unused]] static const auto silenced =
       cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
@@ -95,7 +99,7 @@ Result<DecodedImage> read_image(const fs::path& path) {
   if (!begins_like_image(*bytes)) {
     return bad_input(fmt::format("{}: no image; allowed: PNG, JPEG, BMP, TIFF, PNM, WebP", path.string()));
   }
-  const cv::Mat mat = cut_short(*bytes) ? cv::Mat() : decoded(*bytes);
+  const cv::Mat mat = decoded(*bytes);
   if (mat.empty())
     return bad_input(fmt::format("{}: the image is damaged and cannot be decoded", path.string()));
   if (mat.depth() != CV_8U && mat.depth() != CV_16U) {

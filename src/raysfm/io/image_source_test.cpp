@@ -96,6 +96,30 @@ TEST(ImageFile, DamagedFilesAreNamed) {
   EXPECT_FALSE(read_image(folder.file("huge.pgm", "P5\n2147483647 2147483647\n255\n")));
 }
 
+// libpng would print what it thinks of a PNG file.
+TEST(ImageFile, PngIsReadInSilence) {
+  const TemporaryFolder folder;
+  const cv::Mat image = pattern(32, 24, 1);
+  std::vector<uint8_t> encoded;
+  cv::imencode(".png", image, encoded);
+  const std::string png(encoded.begin(), encoded.end());
+  const size_t header = 8 + 12 + 13;  // signature and IHDR
+
+  testing::internal::CaptureStderr();
+  const std::string profile("\0\0\0\4iCCPoops\0\0\0\0", 16);  // no profile, no checksum
+  const std::string odd = png.substr(0, header) + profile + png.substr(header);
+  const Result<DecodedImage> read = read_image(folder.file("odd.png", odd));
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE(same_pixels(read->gray, image));
+  for (size_t i = 8; i < png.size(); ++i) {
+    std::string damaged = png;
+    damaged[i] = static_cast<char>(damaged[i] ^ 1);
+    const Result<DecodedImage> refused = read_image(folder.file("damaged.png", damaged));
+    EXPECT_TRUE(!refused || same_pixels(refused->gray, image)) << "byte " << i;
+  }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
 TEST(ImageFile, MasksAreBlackAndWhiteAndOfTheRightSize) {
   const TemporaryFolder folder;
   cv::Mat mask(4, 6, CV_8U, cv::Scalar(127));
