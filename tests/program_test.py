@@ -1,42 +1,13 @@
-"""The program as its users meet it: program_test.py PROGRAM [unittest arguments]."""
+"""The program as its users meet it: program_test.py PROGRAM [unittest arguments]. Its `track` has track_test.py."""
 import json
 import math
 import os
-import pathlib
-import subprocess
-import sys
-import tempfile
 import unittest
 
-PROGRAM = ""
+import program
+from program import ProgramTest, run
+
 SUBCOMMANDS = ["track", "eval", "synth"]
-
-
-def run(*arguments, stdout=subprocess.PIPE):
-    command = [PROGRAM, *map(str, arguments)]
-    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=300, check=False)
-
-
-class ProgramTest(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def file(self, name, text):
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        return path
-
-    def refused(self, *arguments, says):
-        """The command fails with exit code 2 and one line that holds every text of `says`."""
-        done = run(*arguments)
-        self.assertEqual(done.returncode, 2, done.stderr)
-        self.assertEqual(done.stdout, "")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        for text in says:
-            self.assertIn(str(text), done.stderr)
 
 
 class Usage(ProgramTest):
@@ -106,97 +77,6 @@ class Synth(ProgramTest):
         self.refused("synth", "street", "--frames", "1", "--out", occupied / "out", says=[occupied])
         self.file("full/images/1.png", "")
         self.refused("synth", "street", "--frames", "1", "--out", self.folder / "full", says=["not empty"])
-
-
-CAMERA = """raysfm_camera: 1
-cameras:
-  - name: front
-    model: pinhole
-    resolution: [64, 48]
-    intrinsics: {fx: 50, fy: 50, cx: 31.5, cy: 23.5}
-"""
-
-
-class Track(ProgramTest):
-    def setUp(self):
-        super().setUp()
-        self.camera = self.file("camera.yaml", CAMERA)
-        self.out = self.folder / "out"
-
-    def images(self, name, count, size=(64, 48), level=lambda x, y: (7 * x + 13 * y) % 256):
-        width, height = size
-        for i in range(count):
-            path = self.folder / name / f"{i:03}.pgm"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            pixels = bytes(level(x, y) for y in range(height) for x in range(width))
-            path.write_bytes(b"P5 %d %d 255\n" % size + pixels)
-        return self.folder / name
-
-    def test_bad_input(self):
-        images = self.images("images", 3)
-        missing = self.folder / "missing"
-        self.refused("track", missing, "--camera", self.camera, "--out", self.out, says=[missing])
-        self.refused("track", images, "--camera", missing, "--out", self.out, says=[missing])
-        self.refused("track", images, "--out", self.out, says=["--camera"])
-        bad = self.file("bad.yaml", CAMERA.replace("fx: 50", "fx: -50"))
-        self.refused("track", images, "--camera", bad, "--out", self.out, says=["bad.yaml", "fx", "-50"])
-        (self.folder / "empty").mkdir()
-        self.refused("track", self.folder / "empty", "--camera", self.camera, "--out", self.out, says=["empty"])
-        noise = self.file("video.mp4", "this is no video")
-        self.refused("track", noise, "--camera", self.camera, "--out", self.out, says=["video.mp4"])
-        large = self.images("large", 2, size=(128, 96))
-        self.refused("track", large, "--camera", self.camera, "--out", self.out, says=["64", "128"])
-        config = self.file("config.yaml", "no_such_option: 1\n")
-        self.refused("track", images, "--camera", self.camera, "--out", self.out, "--config", config,
-                     says=["config.yaml", "no_such_option"])
-        self.assertFalse(self.out.exists())
-
-    def test_nothing_to_see_is_no_reconstruction(self):
-        grey = self.images("grey", 5, level=lambda x, y: 128)
-        done = run("track", grey, "--camera", self.camera, "--out", self.out, "--quiet")
-        self.assertEqual((done.returncode, done.stdout), (3, ""), done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-
-    def test_unwritable_output(self):
-        grey = self.images("grey", 2, level=lambda x, y: 128)
-        occupied = self.file("occupied", "")
-        self.refused("track", grey, "--camera", self.camera, "--out", occupied / "out", "--quiet", says=[occupied])
-
-
-class FromSynthToEval(ProgramTest):
-    def test_street(self):
-        sequence, out = self.folder / "street", self.folder / "out"
-        done = run("synth", "street", "--frames", 60, "--fps", 7.5, "--length", 9.4, "--out", sequence, "--quiet")
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        done = run("track", sequence, "--out", out, "--quiet")
-        self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "", ""))
-        for name in ("trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "report.json", "config.yaml",
-                     "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"):
-            self.assertGreater((out / name).stat().st_size, 8, name)
-        report = json.loads((out / "report.json").read_text())
-        self.assertEqual(report["frames"]["total"], 60)
-        self.assertEqual(report["frames"]["posed"], 60)
-        self.assertEqual(report["camera_class"], "central")
-        self.assertEqual(report["error"], "pixel")
-        self.assertEqual(report["scale"], "arbitrary")
-        self.assertEqual(len(report["segments"]), 1)
-        self.assertLess(report["rms_reprojection_px"], 1)
-        self.assertGreater(report["timing"]["frames_per_second"], 0)
-        done = run("eval", out, sequence, "--json")
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        result = json.loads(done.stdout)
-        self.assertEqual(result["coverage"], 1)
-        self.assertAlmostEqual(result["length_m"], 9.4, delta=0.3)
-        self.assertLess(result["ate"]["mean"], 0.01 * result["length_m"])
-
-    def test_threads_change_nothing(self):
-        sequence = self.folder / "street"
-        run("synth", "street", "--frames", 20, "--fps", 7.5, "--length", 3.2, "--out", sequence, "--quiet")
-        for threads in ("1", "3"):
-            done = run("track", sequence, "--out", self.folder / threads, "--threads", threads, "--quiet")
-            self.assertEqual(done.returncode, 0, done.stderr)
-        for name in ("trajectory.txt", "covariance.csv", "points.ply", "sparse/images.bin"):
-            self.assertEqual((self.folder / "1" / name).read_bytes(), (self.folder / "3" / name).read_bytes(), name)
 
 
 class Eval(ProgramTest):
@@ -275,5 +155,4 @@ class Eval(ProgramTest):
 
 
 if __name__ == "__main__":
-    PROGRAM = sys.argv.pop(1)
-    unittest.main()
+    program.main()

@@ -1,0 +1,389 @@
+"""`raysfm track` as its users meet it: track_test.py PROGRAM [unittest arguments]."""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import unittest
+
+import program
+from program import ProgramTest, run
+
+CAMERA = """raysfm_camera: 1
+cameras:
+  - name: front
+    model: pinhole
+    resolution: [64, 48]
+    intrinsics: {fx: 50, fy: 50, cx: 31.5, cy: 23.5}
+"""
+OUTPUT = ["trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "report.json", "config.yaml",
+          "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"]
+NOBODY = 65534
+STREET = None  # a sequence of 60 frames, 512 x 384 pixels
+
+
+def setUpModule():
+    global STREET
+    folder = tempfile.TemporaryDirectory()
+    unittest.addModuleCleanup(folder.cleanup)
+    STREET = pathlib.Path(folder.name) / "street"
+    done = run("synth", "street", "--frames", 60, "--fps", 7.5, "--length", 9.4, "--out", STREET, "--quiet")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+
+
+class TrackTest(ProgramTest):
+    def setUp(self):
+        super().setUp()
+        self.camera = self.file("camera.yaml", CAMERA)
+        self.out = self.folder / "out"
+
+    def image(self, name, size=(64, 48), level=lambda x, y: (7 * x + 13 * y) % 256):
+        width, height = size
+        pixels = bytes(level(x, y) for y in range(height) for x in range(width))
+        return self.file(name, b"P5 %d %d 255\n" % size + pixels)
+
+    def images(self, name, count, size=(64, 48), level=lambda x, y: (7 * x + 13 * y) % 256):
+        for i in range(count):
+            self.image(f"{name}/{i:03}.pgm", size, level)
+        return self.folder / name
+
+    def video(self, name, *options):
+        """The street as a video."""
+        path = self.folder / name
+        subprocess.run(["ffmpeg", "-loglevel", "error", "-framerate", "7.5", "-i", STREET / "images" / "%06d.png",
+                        "-c:v", "libx264", "-crf", "20", *options, path], check=True)
+        return path
+
+    def street_camera(self, name, *replacements):
+        text = (STREET / "camera.yaml").read_text()
+        for old, new in replacements:
+            self.assertIn(old, text)
+            text = text.replace(old, new)
+        return self.file(name, text)
+
+    def track(self, source, *arguments, out=None):
+        return run("track", source, "--out", out or self.out, "--quiet", *arguments)
+
+    def error(self, out):
+        """Mean error of a reconstruction of the street in metres."""
+        return json.loads(run("eval", out, STREET, "--json").stdout)["ate"]["mean"]
+
+    def complete(self, out):
+        """The files of an output folder are all there and nothing else is; returns the report."""
+        found = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
+        self.assertEqual(found, set(OUTPUT))
+        poses = [line.split() for line in (out / "trajectory.txt").read_text().splitlines() if line[0] != "#"]
+        self.assertLessEqual({len(pose) for pose in poses}, {8})
+        report = json.loads((out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], len(poses))
+        return report
+
+
+class Success(TrackTest):
+    def test_street(self):
+        done = self.track(STREET)
+        self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "", ""))
+        report = self.complete(self.out)
+        self.assertEqual(report["frames"]["total"], 60)
+        self.assertEqual(report["frames"]["posed"], 60)
+        self.assertEqual(report["camera_class"], "central")
+        self.assertEqual(report["error"], "pixel")
+        self.assertEqual(report["scale"], "arbitrary")
+        self.assertEqual(len(report["segments"]), 1)
+        self.assertLess(report["rms_reprojection_px"], 1)
+        self.assertGreater(report["timing"]["frames_per_second"], 0)
+        done = run("eval", self.out, STREET, "--json")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        result = json.loads(done.stdout)
+        self.assertEqual(result["coverage"], 1)
+        self.assertAlmostEqual(result["length_m"], 9.4, delta=0.3)
+        self.assertLess(result["ate"]["mean"], 0.01 * result["length_m"])
+
+    def test_threads_change_nothing(self):
+        for threads in (1, 2, 4):
+            done = self.track(STREET, "--threads", threads, out=self.folder / str(threads))
+            self.assertEqual(done.returncode, 0, done.stderr)
+        for name in set(OUTPUT) - {"report.json", "config.yaml"}:
+            content = [(self.folder / str(threads) / name).read_bytes() for threads in (1, 2, 4)]
+            self.assertEqual(content[0], content[1], name)
+            self.assertEqual(content[0], content[2], name)
+
+    def test_configuration_runs_again_identically(self):
+        first, second, third = (self.folder / name for name in ("first", "second", "third"))
+        config = self.file("config.yaml", "features: 800\nseed: 3\nwindow: 8\nfinal: global\n")
+        self.assertEqual(self.track(STREET, "--config", config, "--window", 7, out=first).returncode, 0)
+        effective = (first / "config.yaml").read_text()
+        for line in ("features: 800", "seed: 3", "window: 7", 'final: "global"'):
+            self.assertIn("\n" + line + "\n", effective)
+        self.assertEqual(self.track(STREET, "--config", first / "config.yaml", out=second).returncode, 0)
+        for name in set(OUTPUT) - {"report.json"}:
+            self.assertEqual((first / name).read_bytes(), (second / name).read_bytes(), name)
+        self.assertEqual(self.track(STREET, "--config", config, "--window", 7, "--seed", 4, out=third).returncode, 0)
+        self.assertIn("\nseed: 4\n", (third / "config.yaml").read_text())
+        self.assertNotEqual((first / "trajectory.txt").read_bytes(), (third / "trajectory.txt").read_bytes())
+
+    def test_given_camera_wins(self):
+        sequence = self.folder / "sequence"
+        sequence.mkdir()
+        (sequence / "images").symlink_to(STREET / "images")
+        self.file("sequence/camera.yaml", "no camera file\n")
+        self.refused("track", sequence, "--out", self.out, says=["sequence/camera.yaml"])
+        done = run("track", sequence, "--camera", STREET / "camera.yaml", "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("camera.yaml is not used", done.stderr)
+
+    def test_part_of_the_image(self):
+        """The same as if the images had been cut out beforehand."""
+        size = ("resolution: [512, 384]", "resolution: [448, 352]")
+        whole = self.street_camera("whole.yaml", size)
+        part = self.street_camera("part.yaml", (size[0], size[1] + "\n    roi: [32, 16, 448, 352]"))
+        (self.folder / "cut").mkdir()
+        subprocess.run(["ffmpeg", "-loglevel", "error", "-i", STREET / "images" / "%06d.png", "-vf", "crop=448:352:32:16",
+                        "-start_number", "0", self.folder / "cut" / "%06d.png"], check=True)
+        self.assertEqual(self.track(self.folder / "cut", "--camera", whole, out=self.folder / "expected").returncode, 0)
+        self.assertEqual(self.track(STREET / "images", "--camera", part).returncode, 0)
+        for name in set(OUTPUT) - {"report.json", "config.yaml"}:
+            self.assertEqual((self.out / name).read_bytes(), (self.folder / "expected" / name).read_bytes(), name)
+
+    def test_mask(self):
+        self.image("mask.pgm", (512, 384), lambda x, y: 0)
+        camera = self.street_camera("masked.yaml", ("    model:", "    mask: mask.pgm\n    model:"))
+        done = self.track(STREET, "--camera", camera)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("too few corners", done.stderr)
+        self.image("mask.pgm", (512, 384), lambda x, y: 255 if y < 330 else 0)
+        self.assertEqual(self.track(STREET, "--camera", camera).returncode, 0)
+        self.assertLess(self.error(self.out), 0.1)
+
+    def test_output_beside_the_input(self):
+        sequence = self.folder / "sequence"
+        shutil.copytree(STREET, sequence)
+        self.assertEqual(self.track(sequence, out=sequence).returncode, 0)
+        for path in STREET.rglob("*"):
+            if path.is_file():
+                self.assertEqual(path.read_bytes(), (sequence / path.relative_to(STREET)).read_bytes(), path)
+        self.assertEqual(self.track(sequence, out=sequence).returncode, 0)
+
+    def test_truncated_video(self):
+        video = self.video("street.mkv")
+        video.write_bytes(video.read_bytes()[:video.stat().st_size * 6 // 10])
+        done = run("track", video, "--camera", STREET / "camera.yaml", "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("warning: " + str(video) + ": cut short", done.stderr)
+        self.assertLess(self.complete(self.out)["frames"]["total"], 60)
+
+
+class BadInput(TrackTest):
+    """Each is refused in one line, before an output folder is made."""
+
+    def setUp(self):
+        super().setUp()
+        self.source = self.images("images", 3)
+
+    def tearDown(self):
+        self.assertFalse(self.out.exists())
+
+    def refuses(self, *arguments, says, camera=None, **options):
+        self.refused("track", *arguments, "--camera", camera or self.camera, "--out", self.out, says=says, **options)
+
+    def test_input(self):
+        missing = self.folder / "missing"
+        self.refuses(missing, says=[missing, "no such file"])
+        (self.folder / "empty").mkdir()
+        self.refuses(self.folder / "empty", says=[self.folder / "empty"])
+        for name, content in {"nothing.mp4": "", "text.mp4": "this is no video", "zeros.mkv": bytes(5000)}.items():
+            self.refuses(self.file(name, content), says=[name])
+        self.refuses(self.source, self.source, says=["stream 1", "no camera"])
+
+    def test_damaged_images(self):
+        png = (STREET / "images" / "000000.png").read_bytes()
+        self.refuses(self.file("short/0.png", png[:-500]).parent, says=["0.png", "damaged"])
+        flipped = png[:2000] + bytes(500) + png[2500:]
+        done = self.track(self.file("flipped/0.png", flipped).parent, "--camera", STREET / "camera.yaml",
+                          out=self.folder / "flipped_out")
+        self.assertIn(done.returncode, (2, 3), done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+
+    def test_truncated_video_without_index(self):
+        video = self.video("street.mp4")
+        video.write_bytes(video.read_bytes()[:video.stat().st_size * 6 // 10])
+        self.refuses(video, camera=STREET / "camera.yaml", says=[video])
+
+    def test_size(self):
+        self.refuses(self.images("large", 2, size=(128, 96)), says=["camera.yaml", "64 x 48", "128 x 96"])
+        self.image("mask.pgm", (32, 48))
+        masked = self.file("masked.yaml", CAMERA + "    mask: mask.pgm\n")
+        self.refuses(self.source, camera=masked, says=["mask.pgm", "32 x 48", "64 x 48"])
+        outside = self.file("outside.yaml", CAMERA + "    roi: [10, 0, 64, 48]\n")
+        self.refuses(self.source, camera=outside, says=["outside.yaml", "roi", "64 x 48"])
+
+    def test_camera_values(self):
+        for old, new, says in (("fx: 50", "fx: .nan", ["fx", "nan"]), ("fx: 50", "fx: -50", ["fx", "-50"]),
+                               ("fx: 50", "fx: 0", ["fx", "0"]), ("fy: 50", "fy: .inf", ["fy", "inf"]),
+                               ("fx: 50, ", "", ["fx"]), ("cx: 31.5", "cx: middle", ["cx", "middle"]),
+                               ("model: pinhole", "model: telescope", ["telescope", "pinhole"]),
+                               ("[64, 48]", "[64, -48]", ["resolution", "-48"]),
+                               ("[64, 48]", "[64]", ["resolution"]),
+                               ("raysfm_camera: 1", "raysfm_camera: 2", ["raysfm_camera", "2"])):
+            self.assertIn(old, CAMERA)
+            bad = self.file("bad.yaml", CAMERA.replace(old, new))
+            self.refuses(self.source, camera=bad, says=["bad.yaml", *says])
+
+    def test_camera_files(self):
+        missing = self.folder / "missing.yaml"
+        self.refuses(self.source, camera=missing, says=[missing, "no such file"])
+        self.refused("track", self.source, "--out", self.out, says=["--camera"])
+        for name, content in {"nothing.yaml": "", "trajectory.txt": "0 0 0 0 0 0 0 1\n", "settings.yaml": "features: 9\n",
+                              "list.yaml": "- 1\n- 2\n", "broken.yaml": "a: [1, 2\n", "zeros.yaml": bytes(100),
+                              "mask.yaml": CAMERA + "    mask: no_such.png\n"}.items():
+            self.refuses(self.source, camera=self.file(name, content), says=[name])
+        self.refuses(self.source, camera=self.source / "000.pgm", says=["000.pgm"])
+        self.refuses(self.source, camera=self.folder, says=[self.folder])
+
+    def test_configuration(self):
+        for line, says in (("no_such_option: 1", ["no_such_option"]), ("window: many", ["window", "many"]),
+                           ("window: 1e9", ["window", "1e9"]), ("final: soon", ["final", "soon", "global"]),
+                           ("mono: perhaps", ["mono", "perhaps"]), ("- window", ["name: value"]),
+                           ("window: [1", ["YAML"]), ("seed: -1", ["seed", "-1"]), ("features: [1]", ["features"])):
+            config = self.file("config.yaml", line + "\n")
+            self.refuses(self.source, "--config", config, says=["config.yaml", *says])
+        for line in ("threads: -1", "threads: 100000", "features: 3", "free-cameras: 0", "window: 0", "fps: -1", "fps: .nan"):
+            config = self.file("config.yaml", line + "\n")
+            self.refuses(self.source, "--config", config, says=line.split(": ")[:1])
+        self.refuses(self.source, "--config", self.folder / "missing.yaml", says=["missing.yaml"])
+        self.refuses(self.source, "--config", self.folder, says=[self.folder])
+
+    def test_flags(self):
+        for flag, value in (("--features", "3"), ("--window", "0"), ("--free-cameras", "-2"), ("--global-until", "-1"),
+                            ("--min-matches", "0"), ("--fps", "-1"), ("--fps", "nan"), ("--fps", "inf")):
+            self.refuses(self.source, f"{flag}={value}", says=[flag.strip("-"), value])
+        for flag in ("--error=none", "--start=late", "--final=all", "--features=many", "--threads=-1", "--no-such-flag"):
+            done = run("track", self.source, "--camera", self.camera, "--out", self.out, flag)
+            self.assertEqual(done.returncode, 2, flag)
+            self.assertNotEqual(done.stderr, "", flag)
+
+    @unittest.skipUnless(hasattr(os, "geteuid") and os.geteuid() == 0, "root passes permissions, others cannot become root")
+    def test_unreadable_folder(self):
+        self.folder.chmod(0o755)
+        self.source.chmod(0)
+        try:
+            self.refuses(self.source, says=[self.source, "ermission denied"], user=NOBODY)
+        except PermissionError:
+            self.skipTest("the program is where only root may run it")
+        finally:
+            self.source.chmod(0o755)
+
+
+class BadOutput(TrackTest):
+    """A folder that cannot be written is found before the frames are read: the last is damaged."""
+
+    def setUp(self):
+        super().setUp()
+        self.source = self.images("images", 3)
+        self.file("images/002.pgm", b"P5 64 48 255\n")
+
+    def refuses(self, out, says, **options):
+        self.refused("track", self.source, "--camera", self.camera, "--out", out, "--quiet", says=says, **options)
+
+    def test_not_a_folder(self):
+        occupied = self.file("occupied", "")
+        self.refuses(occupied, [occupied, "cannot be created"])
+        self.refuses(occupied / "out", [occupied, "cannot be created"])
+        self.refuses("/proc/no_such_folder", ["/proc/no_such_folder"])
+
+    def test_camera_is_not_overwritten(self):
+        camera = self.file("out/config.yaml", CAMERA)
+        done = self.track(self.source, "--camera", camera)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("overwrite", done.stderr)
+        self.assertEqual(camera.read_text(), CAMERA)
+
+    @unittest.skipUnless(os.geteuid() == 0, "only root becomes another user")
+    def test_no_permission(self):
+        self.folder.chmod(0o755)
+        self.out.mkdir()
+        try:
+            self.refuses(self.out, [self.out, "ermission denied"], user=NOBODY)
+        except PermissionError:
+            self.skipTest("the program is where only root may run it")
+        self.assertEqual(list(self.out.iterdir()), [])
+
+    @unittest.skipUnless(os.geteuid() == 0, "only root mounts")
+    def test_full_disk(self):
+        self.out.mkdir()
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12k", "tmpfs", self.out], capture_output=True,
+                                 check=False)
+        if mounted.returncode != 0:
+            self.skipTest("tmpfs cannot be mounted here")
+        self.addCleanup(subprocess.run, ["umount", self.out], check=True)
+        self.image("images/002.pgm")
+        self.refuses(self.out, [self.out, "No space left on device"])
+        left = {str(path.relative_to(self.out)) for path in self.out.rglob("*") if path.is_file()}
+        self.assertLess(left, set(OUTPUT))
+        self.assertFalse((self.out / "report.json").exists())
+
+
+class NoReconstruction(TrackTest):
+    """Exit code 3, one line with the reason, and an output folder that says it frame by frame."""
+
+    def fails(self, source, says, frames, camera=None):
+        done = self.track(source, "--camera", camera or STREET / "camera.yaml")
+        self.assertEqual((done.returncode, done.stdout), (3, ""), done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+        report = self.complete(self.out)
+        self.assertEqual((report["frames"]["total"], report["frames"]["posed"]), (frames, 0))
+        self.assertEqual(len(report["frames"]["without_pose"]), frames)
+        for frame in report["frames"]["without_pose"]:
+            self.assertIn(says, frame["reason"])
+
+    def test_black(self):
+        black = self.images("black", 5, level=lambda x, y: 0)
+        self.fails(black, "too few corners", 5, camera=self.camera)
+
+    def test_one_frame(self):
+        (self.folder / "one").mkdir()
+        shutil.copy(STREET / "images" / "000000.png", self.folder / "one")
+        self.fails(self.folder / "one", "at least 3", 1)
+
+    def test_static_camera(self):
+        (self.folder / "static").mkdir()
+        for i in range(8):
+            shutil.copy(STREET / "images" / "000000.png", self.folder / "static" / f"{i}.png")
+        self.fails(self.folder / "static", "no motion", 8)
+
+    def test_rotation(self):
+        sequence = self.folder / "rotation"
+        camera = self.file("small.yaml", CAMERA.replace("[64, 48]", "[320, 240]").replace("50", "250")
+                           .replace("31.5", "159.5").replace("23.5", "119.5"))
+        run("synth", "room", "--motion", "rotate", "--frames", 120, "--samples", 1, "--camera", camera, "--out", sequence)
+        self.fails(sequence, "rotation without translation", 120, camera=camera)
+
+
+class Interrupted(TrackTest):
+    """What there is when the signal comes is written whole."""
+
+    def interrupt(self, which, code):
+        command = [program.PROGRAM, "track", STREET / "images", "--camera", STREET / "camera.yaml", "--out", self.out,
+                   "--features", "5000"]
+        with subprocess.Popen([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+            while "started" not in run.stderr.readline():
+                self.assertIsNone(run.poll())
+            run.send_signal(which)
+            run.communicate(timeout=60)
+        self.assertEqual(run.returncode, code)
+        report = self.complete(self.out)
+        self.assertGreater(report["frames"]["posed"], 0)
+        self.assertLess(report["frames"]["total"], 60)
+
+    def test_sigint(self):
+        self.interrupt(signal.SIGINT, 130)
+
+    def test_sigterm(self):
+        self.interrupt(signal.SIGTERM, 143)
+
+
+if __name__ == "__main__":
+    program.main()
