@@ -97,7 +97,7 @@ void Odometry::start(const ViewPtr& view) {
   const int attempts = starter_->attempts();
   std::optional<Start> start = starter_->push(view, mapper_);
   if (starter_->attempts() > attempts && !start) {
-    tell(Event::Level::kWarning, fmt::format("no start yet: {}", starter_->reason()));
+    tell(Event::Level::kWarning, fmt::format("no start yet: {}", starter_->last_reason()));
   }
   if (!start) return;
   const std::vector<ViewPtr> views = starter_->views();
@@ -200,11 +200,25 @@ void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_
   }
 }
 
+// Rotation of the rig since the previous view as the motion of the whole image tells it.
+Rigid3 Odometry::turned(const View& view) const {
+  const CoarseMotion motion = coarse_motion(*previous_->view, view);
+  const Camera& camera = rig_.cameras[0];
+  const Eigen::Vector2d center(0.5 * (camera.width - 1), 0.5 * (camera.height - 1));
+  Ray before, after;
+  if (!camera.ray(center, &before) || !camera.ray(center + motion.shift.cast<double>(), &after)) return {};
+  const Eigen::Quaterniond cam_rotation =
+      Eigen::AngleAxisd(motion.angle, after.direction) *
+      Eigen::Quaterniond::FromTwoVectors(before.direction, after.direction);
+  return camera.rig_from_cam * Rigid3{cam_rotation, Eigen::Vector3d::Zero()} * camera.rig_from_cam.inverse();
+}
+
 Localisation Odometry::localise(const View& view) {
   const Rigid3 still = previous_->pose.rig_from_world, moving = previous_->velocity * still;
   Localisation best;
-  for (const auto& [predicted, effort] :
-       {std::pair(moving, kNear), std::pair(moving, kWide), std::pair(still, kBlind)}) {
+  for (int attempt = 0; attempt < 4; ++attempt) {
+    const Rigid3 predicted = attempt == 1 ? turned(view) * still : attempt == 3 ? still : moving;
+    const Effort& effort = attempt == 0 ? kNear : attempt == 3 ? kBlind : kWide;
     Localisation pose =
         localiser_.localise(segment().map, segment().views, local_, view, predicted, range_of(effort, view));
     if (convincing(pose)) return pose;

@@ -74,6 +74,7 @@ class Odometry {
   bool pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure, Rigid3* rig_from_world);
   void track(const ViewPtr& view);
   Localisation localise(const View& view);
+  Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
   bool needs_keyframe(const Localisation& pose) const;
   void promote(const ViewPtr& view, const Localisation& pose);

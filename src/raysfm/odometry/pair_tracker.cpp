@@ -9,6 +9,7 @@ constexpr float kMinZncc = 0.8f;
 // Radius of the region of interest as a part of the image's width: at first, and once the motion is known.
 constexpr float kFirstRadius = 0.06f;
 constexpr float kRadius = 0.03f;
+constexpr float kMinCoarseZncc = 0.6f;
 constexpr int kMaxMissed = 2;
 constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
 
@@ -26,28 +27,38 @@ int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
 
 }  // namespace
 
-PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)) {
+PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)), newest_(base_) {
   const size_t count = base_->features.pixels.size();
   place_ = base_->features.pixels;
   velocity_.assign(count, Eigen::Vector2f::Zero());
   missed_.assign(count, 0);
 }
 
-void PairTracker::predict(float width) {
+void PairTracker::predict(const View& next) {
+  const int width = next.image.width(), height = next.image.height();
+  const CoarseMotion coarse = coarse_motion(*newest_, next);
+  const bool trusted = coarse.zncc > kMinCoarseZncc;
+  // Where the image as a whole has changed its course, the motion of each corner so far tells nothing.
+  const bool turned =
+      trusted && (coarse.shift - median_velocity_).norm() > kRadius * static_cast<float>(width);
   predicted_.resize(place_.size());
   radius_.resize(place_.size());
   for (size_t i = 0; i < place_.size(); ++i) {
-    predicted_[i] = place_[i] + velocity_[i];
     const bool known = missed_[i] == 0 && views() > 0;
-    radius_[i] = missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * width;
+    const bool by_image = trusted && (turned || views() == 0);
+    predicted_[i] =
+        by_image ? coarse.apply(place_[i], width, height) : Eigen::Vector2f(place_[i] + velocity_[i]);
+    radius_[i] =
+        missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * static_cast<float>(width);
   }
 }
 
-int PairTracker::advance(const View& next) {
-  predict(static_cast<float>(next.image.width()));
-  matcher_.match(base_->patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
+int PairTracker::advance(ViewPtr next) {
+  predict(*next);
+  matcher_.match(base_->patches, predicted_, radius_, next->patches, next->features.pixels, next->grid,
                  {.min_zncc = kMinZncc}, &found_);
-  update(next);
+  update(*next);
+  newest_ = std::move(next);
   return static_cast<int>(found_.size());
 }
 
@@ -75,6 +86,7 @@ void PairTracker::update(const View& next) {
   for (int c = 0; c < kColumns * kRows; ++c) {
     motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median(du[c]), median(dv[c])) : overall;
   }
+  median_velocity_ = overall;
   median_displacement_ = median(displacement);
 
   for (size_t i = 0; i < place_.size(); ++i) {

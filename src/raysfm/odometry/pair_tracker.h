@@ -8,14 +8,15 @@
 namespace raysfm {
 
 // Follows the corners of one view through the views after it, before any geometry is known (LBA09 2.1): each
-// is looked for where its own motion, or else that of its neighbours, leads. A corner that was missed in
-// several views in a row is given up: what would be matched to it later is mostly something else.
+// is looked for where its own motion, or else that of its neighbours or of the image as a whole, leads. A
+// corner that was missed in several views in a row is given up: what would be matched to it later is mostly
+// something else.
 class PairTracker {
  public:
   explicit PairTracker(ViewPtr base);
 
   // Matches the base with the view that follows those seen so far; returns the number of corners matched.
-  int advance(const View& next);
+  int advance(ViewPtr next);
 
   const View& base() const { return *base_; }
   int views() const { return static_cast<int>(matches_.size()); }
@@ -25,10 +26,11 @@ class PairTracker {
   float median_displacement() const { return median_displacement_; }
 
  private:
-  void predict(float width);
+  void predict(const View& next);
   void update(const View& next);
 
-  ViewPtr base_;
+  ViewPtr base_, newest_;
+  Eigen::Vector2f median_velocity_ = Eigen::Vector2f::Zero();  // pixels per view
   ZnccMatcher matcher_;
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature

@@ -34,7 +34,7 @@ TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
   for (int k = 1; k <= 6; ++k) {
     shift += 3.0 * k;  // 63 pixels in the end, three times the radius of the first search
     const ViewPtr view = shifted_view(k, shift, 0.2 * shift);
-    const int matched = tracker.advance(*view);
+    const int matched = tracker.advance(view);
     EXPECT_GT(matched, 80) << k;
     int right = 0;
     for (int f = 0; f < tracker.base().features.size(); ++f) {
@@ -51,7 +51,7 @@ TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
 
 TEST(PairTracker, AStillCameraHasNoDisplacement) {
   PairTracker tracker(shifted_view(0, 0, 0));
-  tracker.advance(*shifted_view(1, 0, 0));
+  tracker.advance(shifted_view(1, 0, 0));
   EXPECT_LT(tracker.median_displacement(), 0.01f);
 }
 
@@ -63,7 +63,7 @@ TEST(PairTracker, AnEmptyViewMatchesNothing) {
   HarrisDetector detector;
   detect(detector, HarrisOptions{}, black.get());
   EXPECT_EQ(black->features.size(), 0);
-  EXPECT_EQ(tracker.advance(*black), 0);
+  EXPECT_EQ(tracker.advance(black), 0);
 }
 
 }  // namespace

@@ -9,9 +9,22 @@ namespace {
 
 constexpr double kCornerError = 2.0;  // pixels
 constexpr int kMinInliers = 50;
+// Right starts on real footage explain 0.6 to 0.95 of the matches, wrong ones of turning cameras under 0.5.
+constexpr double kMinInlierRatio = 0.55;
+// Median parallax over the rms error of the rays. Blur and a rolling shutter bend the rays of a turning
+// camera into a parallax of up to 20 times their error; starts with translation have 30 and more.
+constexpr double kMinSignificance = 28;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
 }  // namespace
+
+// Of many attempts the one with most matches says most about why none succeeded.
+void Starter::fail(int matches, std::string reason) {
+  last_reason_ = std::move(reason);
+  if (matches < most_matches_) return;
+  most_matches_ = matches;
+  reason_ = last_reason_;
+}
 
 // M and M' of the paper stand for 1500 corners; images with fewer ask for less.
 int Starter::enough(int wanted) const {
@@ -38,7 +51,7 @@ std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
 
 std::optional<Start> Starter::step(Mapper& mapper) {
   const int current = next_++;
-  const View& view = *views_[current];
+  const ViewPtr& view = views_[current];
   const int with_first = from_first_->advance(view);
   if (second_ < 0) {
     if (with_first >= enough(options_.min_matches)) return std::nullopt;
@@ -90,12 +103,20 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
   ThreeViewOptions options;
   options.max_error = kCornerError / camera.pixels_per_radian();
   options.min_inliers = kMinInliers;
+  options.min_inlier_ratio = kMinInlierRatio;
   options.seed = options_.seed;
   options.stream = static_cast<uint64_t>(views[0]->frame);
   const ThreeViewStart geometry = start_from_three_views(bearings[0], bearings[1], bearings[2], options);
   if (!geometry.ok()) {
-    reason_ = fmt::format("frames {}, {}, {}: {}", views[0]->frame, views[1]->frame, views[2]->frame,
-                          describe(geometry));
+    fail(static_cast<int>(tracked.size()), fmt::format("frames {}, {}, {}: {}", views[0]->frame,
+                                                       views[1]->frame, views[2]->frame, describe(geometry)));
+    return std::nullopt;
+  }
+  const double significance = geometry.median_parallax / std::max(geometry.rms_error, 1e-9);
+  if (significance < kMinSignificance) {
+    fail(static_cast<int>(tracked.size()),
+         fmt::format("frames {}, {}, {}: too little translation: the parallax is only {:.0f} times the error",
+                     views[0]->frame, views[1]->frame, views[2]->frame, significance));
     return std::nullopt;
   }
   return build(second, third, tracked, geometry, mapper);
@@ -134,8 +155,9 @@ std::optional<Start> Starter::build(int second, int third, const std::vector<int
   const int points = static_cast<int>(
       std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
   if (points < kMinInliers) {
-    reason_ = fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", map.keyframes[0].frame,
-                          map.keyframes[1].frame, map.keyframes[2].frame, points, map.tracks.size());
+    fail(static_cast<int>(tracked.size()),
+         fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", map.keyframes[0].frame,
+                     map.keyframes[1].frame, map.keyframes[2].frame, points, map.tracks.size()));
     return std::nullopt;
   }
   start.first_view = first_;

@@ -39,7 +39,8 @@ class Starter {
   // No more views will come: tries with what there is.
   std::optional<Start> finish(Mapper& mapper);
 
-  // Why the last attempt failed; empty before any.
+  // Why the last attempt failed, and why the one with most matches did; empty before any.
+  const std::string& last_reason() const { return last_reason_; }
   const std::string& reason() const { return reason_; }
   // Attempts so far.
   int attempts() const { return attempts_; }
@@ -52,6 +53,7 @@ class Starter {
   void add_points(const int (&indices)[3], Start* start, Mapper& mapper);
   void refine_pixels(Start* start);
   void restart(int first);
+  void fail(int matches, std::string reason);
   int enough(int wanted) const;
 
   const Rig& rig_;
@@ -62,7 +64,8 @@ class Starter {
   int second_ = -1;  // index of I2, -1 while not chosen
   int next_ = 0;     // first view that the trackers have not seen
   std::optional<PairTracker> from_first_, from_second_;
-  std::string reason_;
+  std::string reason_, last_reason_;
+  int most_matches_ = 0;
   int attempts_ = 0;
 };
 

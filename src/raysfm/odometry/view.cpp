@@ -4,8 +4,14 @@
 #include <cmath>
 
 #include "raysfm/core/timer.h"
+#include "raysfm/image/pyramid.h"
 
 namespace raysfm {
+namespace {
+
+constexpr int kThumbnailWidth = 96;  // pixels at most
+
+}  // namespace
 
 void detect(HarrisDetector& detector, const HarrisOptions& options, View* view) {
   const Clock::time_point start = Clock::now();
@@ -13,7 +19,12 @@ void detect(HarrisDetector& detector, const HarrisOptions& options, View* view) 
   detector.detect(image, options, &view->features);
   extract_patches(image, view->features.pixels, &view->patches);
   view->grid.build(view->features.pixels, image.width, image.height);
+  view->thumbnail_scale = make_thumbnail(image, kThumbnailWidth, &view->thumbnail);
   view->detect_ms = milliseconds_since(start);
+}
+
+CoarseMotion coarse_motion(const View& first, const View& second) {
+  return estimate_coarse_motion(first.thumbnail, second.thumbnail, static_cast<float>(first.thumbnail_scale));
 }
 
 std::array<uint8_t, 3> color_at(const View& view, const Eigen::Vector2f& pixel) {

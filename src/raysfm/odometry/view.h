@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "raysfm/camera/camera.h"
+#include "raysfm/features/coarse_rotation.h"
 #include "raysfm/features/feature_grid.h"
 #include "raysfm/features/features.h"
 #include "raysfm/features/harris.h"
@@ -24,12 +25,18 @@ struct View {
   Features features;
   PatchSet patches;  // of the features
   FeatureGrid grid;  // of the features
+  GrayImage thumbnail;
+  int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
   double detect_ms = 0;
 };
 
 using ViewPtr = std::shared_ptr<const View>;
 
-// Fills features, patches and grid from the image. `detector` holds scratch memory; one per thread.
+// Motion of the image as a whole between two views, told by their thumbnails.
+CoarseMotion coarse_motion(const View& first, const View& second);
+
+// Fills features, patches, grid and thumbnail from the image. `detector` holds scratch memory; one per
+// thread.
 void detect(HarrisDetector& detector, const HarrisOptions& options, View* view);
 
 // Colour of the pixel nearest to a place inside the image; a grey of the same brightness where the input is

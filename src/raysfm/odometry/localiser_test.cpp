@@ -1,0 +1,287 @@
+#include "raysfm/odometry/localiser.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <map>
+#include <set>
+
+#include "support/true_map.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::crooked_rig;
+using testing_support::film;
+using testing_support::PanelWorld;
+using testing_support::true_map;
+using testing_support::true_pose;
+using testing_support::TrueMap;
+
+constexpr int kAllNear = 10;  // reach of local maps
+constexpr SearchRange kSearch{15, 300};
+
+// delta with truth = retract(estimate, delta): the tangent that the covariance speaks of.
+Eigen::Matrix<double, 6, 1> error_of(const Rigid3& truth, const Rigid3& estimate) {
+  Eigen::Matrix<double, 6, 1> delta;
+  const Eigen::AngleAxisd turn(truth.rotation * estimate.rotation.conjugate());
+  delta << truth.translation - turn * estimate.translation, turn.angle() * turn.axis();
+  return delta;
+}
+
+class LocaliserTest : public testing::Test {
+ protected:
+  PanelWorld world_{7};
+  TrueMap truth_ = true_map(world_, 3);
+  OdometryOptions options_;
+  Localiser localiser_{truth_.rig, options_};
+  LocalMap local_ = make_local_map(truth_.map, truth_.views, truth_.rig.cameras[0], 2, kAllNear);
+
+  Localisation localise(const View& view, const Rigid3& predicted) {
+    return localiser_.localise(truth_.map, truth_.views, local_, view, predicted, kSearch);
+  }
+};
+
+// 8 pixels off by rotation, about 3 more by translation.
+const Eigen::Matrix<double, 6, 1> kPredictionError =
+    (Eigen::Matrix<double, 6, 1>() << 0.04, -0.02, 0.05, 0.015, -0.03, 0.02).finished();
+
+TEST_F(LocaliserTest, FindsThePoseFromAPredictionThatIsPixelsOff) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  const Localisation found = localise(*view, retract(pose, kPredictionError));
+  ASSERT_TRUE(found.ok) << found.reason;
+  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.003);
+  EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
+  EXPECT_GT(found.matches.size(), 200u);
+  EXPECT_LE(static_cast<int>(found.matches.size()), found.visible);
+  EXPECT_LT(found.sigma_px, 0.3);
+}
+
+TEST_F(LocaliserTest, MatchesAreWhereTheFrameSeesTheTracks) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const Camera& camera = truth_.rig.cameras[0];
+  const ViewPtr view = film(world_, camera, pose, 3);
+  const Localisation found = localise(*view, retract(pose, kPredictionError));
+  ASSERT_TRUE(found.ok) << found.reason;
+  std::set<int> seen_by_anchor(truth_.map.keyframes[2].tracks.begin(), truth_.map.keyframes[2].tracks.end());
+  std::set<int> tracks;
+  int with_anchor = 0;
+  for (const PointMatch& m : found.matches) {
+    EXPECT_TRUE(tracks.insert(m.track).second) << "track " << m.track << " twice";
+    Eigen::Vector2d expected;
+    ASSERT_TRUE(camera.project(camera.rig_from_cam.inverse() * (pose * truth_.map.tracks[m.track].position),
+                               &expected));
+    EXPECT_LT((expected - m.pixel.cast<double>()).norm(), 2.2);
+    EXPECT_EQ(m.in_anchor, seen_by_anchor.contains(m.track));
+    with_anchor += m.in_anchor;
+  }
+  EXPECT_EQ(found.matched_with_anchor, with_anchor);
+}
+
+// The normalised squared error of 6 parameters has mean 6; patches are approximations, so that the errors
+// may be somewhat larger than the noise alone makes them.
+TEST_F(LocaliserTest, CovarianceTellsTheError) {
+  double sum = 0;
+  constexpr int kFrames = 8;
+  for (int i = 0; i < kFrames; ++i) {
+    const Rigid3 pose = true_pose(truth_.rig, 2.1 + 0.15 * i);
+    const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3 + i);
+    const Localisation found = localise(*view, retract(pose, 0.5 * kPredictionError));
+    ASSERT_TRUE(found.ok) << found.reason;
+    const Eigen::LLT<Matrix6d> llt(found.covariance);
+    ASSERT_EQ(llt.info(), Eigen::Success) << "not positive definite";
+    EXPECT_LT((found.covariance - found.covariance.transpose()).norm(), 1e-12);
+    const Eigen::Matrix<double, 6, 1> error = error_of(pose, found.rig_from_world);
+    sum += error.dot(llt.solve(error));
+    for (int c = 0; c < 6; ++c) EXPECT_LT(std::abs(error[c]), 5 * std::sqrt(found.covariance(c, c))) << c;
+  }
+  EXPECT_GT(sum / kFrames, 1.5);
+  EXPECT_LT(sum / kFrames, 20);
+}
+
+TEST_F(LocaliserTest, AFrameThatLooksElsewhereHasAReasonInsteadOfAPose) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  for (const Eigen::Vector3d& turn : {Eigen::Vector3d(0, 0.6, 0), Eigen::Vector3d(0, 3.0, 0)}) {
+    Eigen::Matrix<double, 6, 1> far = Eigen::Matrix<double, 6, 1>::Zero();
+    far.tail<3>() = turn;
+    const Localisation found = localise(*view, retract(pose, far));
+    EXPECT_FALSE(found.ok);
+    EXPECT_FALSE(found.reason.empty());
+    EXPECT_TRUE(found.matches.empty());
+  }
+}
+
+TEST_F(LocaliserTest, AFrameOfAnotherSceneHasAReasonInsteadOfAPose) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr other = film(PanelWorld(1234), truth_.rig.cameras[0], pose, 3);
+  const ViewPtr black = testing_support::black_view(320, 240, 3);
+  for (const View* view : {other.get(), black.get()}) {
+    const Localisation found = localise(*view, pose);
+    EXPECT_FALSE(found.ok);
+    EXPECT_FALSE(found.reason.empty());
+  }
+}
+
+TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
+  const Rigid3 pose = true_pose(truth_.rig, 3);
+  const Camera& camera = truth_.rig.cameras[0];
+  Rng rng(5);
+  std::vector<TrackPixel> matches;
+  for (size_t t = 0; t < truth_.map.tracks.size(); ++t) {
+    Eigen::Vector2d pixel;
+    if (!camera.project(camera.rig_from_cam.inverse() * (pose * truth_.map.tracks[t].position), &pixel))
+      continue;
+    if (t % 3 == 0) pixel = {rng.uniform(0, 320), rng.uniform(0, 240)};
+    matches.push_back({static_cast<int>(t), pixel.cast<float>()});
+  }
+  Rigid3 found;
+  ASSERT_TRUE(localiser_.pose_from_matches(truth_.map, matches, 3, &found));
+  EXPECT_LT(error_of(pose, found).head<3>().norm(), 0.002);
+  EXPECT_LT(error_of(pose, found).tail<3>().norm(), 0.0005);
+
+  for (TrackPixel& m : matches) m.pixel = {float(rng.uniform(0, 320)), float(rng.uniform(0, 240))};
+  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, matches, 3, &found));
+  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, {}, 3, &found));
+}
+
+TEST_F(LocaliserTest, RefineFollowsPointsThatHaveMoved) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  const Localisation found = localise(*view, pose);
+  ASSERT_TRUE(found.ok) << found.reason;
+  std::vector<TrackPixel> matches;
+  for (const PointMatch& m : found.matches) matches.push_back({m.track, m.pixel});
+
+  const Rigid3 shift{Eigen::Quaterniond::Identity(), {0.02, 0.01, -0.03}};
+  for (Track& track : truth_.map.tracks) track.position = shift * track.position;
+  Rigid3 moved = found.rig_from_world;
+  Matrix6d covariance;
+  ASSERT_TRUE(localiser_.refine(truth_.map, matches, &moved, &covariance));
+  EXPECT_LT(error_of(found.rig_from_world * shift.inverse(), moved).norm(), 1e-5);
+  EXPECT_LT((covariance - found.covariance).norm(), 0.05 * found.covariance.norm());
+
+  for (Track& track : truth_.map.tracks) track.triangulated = false;
+  const Rigid3 before = moved;
+  EXPECT_FALSE(localiser_.refine(truth_.map, matches, &moved, &covariance));
+  EXPECT_EQ(moved.translation, before.translation);
+  EXPECT_EQ(moved.rotation.coeffs(), before.rotation.coeffs());
+}
+
+// Key frames that look this way (0) or backwards (1); each has tracks of its own, all before its camera.
+class LocalMapTest : public testing::Test {
+ protected:
+  void add_keyframe(bool backwards, double side, int tracks) {
+    const int k = static_cast<int>(map_.keyframes.size());
+    const Rigid3 world_from_cam{exp_so3({0, backwards ? std::numbers::pi : 0.0, 0}), {side, 0, 0}};
+    map_.keyframes.emplace_back().rig_from_world = rig_.cameras[0].rig_from_cam * world_from_cam.inverse();
+    for (int i = 0; i < tracks; ++i) {
+      const Eigen::Vector2d pixel(20 + 280 * rng_.uniform(), 20 + 200 * rng_.uniform());
+      const Ray ray = testing_support::world_ray(rig_.cameras[0], map_.keyframes[k].rig_from_world, pixel);
+      const int track = static_cast<int>(map_.tracks.size());
+      map_.tracks.push_back({ray.origin + 5 * ray.direction, true, {}, {}});
+      map_.observe(track, k, map_.keyframes[k].add(pixel.cast<float>(), track));
+    }
+  }
+  // Key frame k sees a track too.
+  void see(int track, int k) {
+    const Camera& camera = rig_.cameras[0];
+    Eigen::Vector2d pixel;
+    ASSERT_TRUE(camera.project(
+        camera.rig_from_cam.inverse() * (map_.keyframes[k].rig_from_world * map_.tracks[track].position),
+        &pixel));
+    map_.observe(track, k, map_.keyframes[k].add(pixel.cast<float>(), track));
+  }
+  LocalMap make(int anchor, int reach) {
+    views_.clear();
+    auto view = std::make_shared<View>();
+    view->image = GrayImage(320, 240);
+    for (int y = 0; y < 240; ++y) std::fill_n(view->image.row(y), 320, uint8_t{100});
+    for (const MapKeyFrame& k : map_.keyframes) {
+      views_.push_back(make_keyframe_view(view, k, rig_.cameras[0]));
+    }
+    return make_local_map(map_, views_, rig_.cameras[0], anchor, reach);
+  }
+  std::set<int> tracks_of(const LocalMap& local) {
+    std::set<int> tracks;
+    for (const LocalPoint& p : local.points) tracks.insert(p.track);
+    return tracks;
+  }
+  bool has_all(const LocalMap& local, int keyframe) {
+    const std::set<int> tracks = tracks_of(local);
+    for (const int t : map_.keyframes[keyframe].tracks) {
+      if (!tracks.contains(t)) return false;
+    }
+    return true;
+  }
+
+  Rig rig_ = crooked_rig();
+  Map map_;
+  std::vector<KeyFrameView> views_;
+  Rng rng_{3};
+};
+
+TEST_F(LocalMapTest, TakesTheKeyFramesThatTheAnchorSeesMostOfWhateverTheirAge) {
+  add_keyframe(false, 0.1, 160);  // as old as can be, at the same place
+  add_keyframe(false, 3.0, 160);  // sees a part of it
+  for (int k = 0; k < 4; ++k) add_keyframe(true, 0, 160);
+  add_keyframe(false, 0.0, 160);  // the anchor
+
+  const LocalMap none = make(6, 0), one = make(6, 1), two = make(6, 2), many = make(6, 10);
+  EXPECT_EQ(none.anchor, 6);
+  EXPECT_EQ(none.points.size(), 160u);
+  EXPECT_TRUE(has_all(none, 6));
+  EXPECT_EQ(one.points.size(), 320u);
+  EXPECT_TRUE(has_all(one, 6) && has_all(one, 0));
+  EXPECT_EQ(two.points.size(), 480u);
+  EXPECT_TRUE(has_all(two, 6) && has_all(two, 0) && has_all(two, 1));
+  EXPECT_EQ(many.points.size(), 480u) << "key frames that look backwards have nothing to offer";
+}
+
+TEST_F(LocalMapTest, HoldsEachTrackOnceWithAFeatureThatSawIt) {
+  add_keyframe(false, 0.0, 200);
+  add_keyframe(false, 0.1, 200);
+  add_keyframe(false, 0.2, 200);
+  for (int t = 0; t < 200; t += 2) see(t, 1);
+  for (int t = 0; t < 200; t += 4) see(t, 2);
+  for (int t = 200; t < 400; t += 5) see(t, 2);
+  const LocalMap local = make(2, 10);
+
+  EXPECT_EQ(local.points.size(), tracks_of(local).size());
+  EXPECT_EQ(local.points.size(), 600u);
+  const std::vector<int>& anchor_tracks = map_.keyframes[2].tracks;
+  int last_keyframe = 0;
+  for (const LocalPoint& p : local.points) {
+    EXPECT_GE(p.keyframe, last_keyframe) << "not sorted by key frame";
+    last_keyframe = p.keyframe;
+    ASSERT_LT(p.feature, map_.keyframes[p.keyframe].size());
+    EXPECT_EQ(map_.keyframes[p.keyframe].tracks[p.feature], p.track);
+    EXPECT_EQ(p.in_anchor, std::count(anchor_tracks.begin(), anchor_tracks.end(), p.track) == 1);
+  }
+}
+
+TEST_F(LocalMapTest, PointsOfTheAnchorComeBeforeThoseOfOthersWhereThereAreTooMany) {
+  for (int k = 0; k < 12; ++k) add_keyframe(false, 0.01 * k, 300);
+  for (int anchor : {0, 6, 11}) {
+    const LocalMap local = make(anchor, 11);
+    EXPECT_TRUE(has_all(local, anchor)) << anchor;
+    EXPECT_LT(local.points.size(), 12u * 300u) << "the work per frame must stay bounded";
+  }
+}
+
+TEST_F(LocalMapTest, LeavesOutOutliersAndTracksWithoutAPosition) {
+  add_keyframe(false, 0.0, 100);
+  add_keyframe(false, 0.1, 100);
+  map_.keyframes[1].inliers[3] = 0;
+  map_.tracks[map_.keyframes[1].tracks[5]].triangulated = false;
+  map_.keyframes[0].inliers[7] = 0;
+  const std::set<int> tracks = tracks_of(make(1, 10));
+  EXPECT_EQ(tracks.size(), 197u);
+  EXPECT_FALSE(tracks.contains(map_.keyframes[1].tracks[3]));
+  EXPECT_FALSE(tracks.contains(map_.keyframes[1].tracks[5]));
+  EXPECT_FALSE(tracks.contains(map_.keyframes[0].tracks[7]));
+}
+
+}  // namespace
+}  // namespace raysfm
