@@ -199,6 +199,7 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
   }
   const bool aligned = align(map, views, local, view);
   out.visible = static_cast<int>(queries_.size());
+  for (const PatchQuery& q : queries_) out.visible_in_anchor += q.in_anchor;
   if (!aligned) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
                              out.visible, estimate_.inlier_count);

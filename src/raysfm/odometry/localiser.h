@@ -60,6 +60,7 @@ struct Localisation {
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
   int visible = 0;                  // points of the local map that the frame should see
+  int visible_in_anchor = 0;        // those of them that the anchor sees
   int matched_with_anchor = 0;      // inliers that the anchor sees
 };
 

@@ -19,8 +19,8 @@ struct Effort {
 };
 constexpr Effort kNear{0.015f, 300}, kWide{0.04f, 600}, kBlind{0.12f, 1000};
 constexpr int kMinMatches = 20;
-constexpr double kMinMatchedShare = 0.15;   // of the visible points
-constexpr double kGoodMatchedShare = 0.35;  // below, a wider search is worth its time
+constexpr double kMinMatchedShare = 0.3;    // of the visible points of the anchor
+constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth its time
 // A key frame is due once the camera has moved by this part of the distance to the points.
 constexpr double kKeyFrameBaseline = 0.055;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
@@ -29,13 +29,17 @@ SearchRange range_of(const Effort& effort, const View& view) {
   return {effort.radius_share * static_cast<float>(view.image.width()), effort.coarse_points};
 }
 
-bool believable(const Localisation& pose) {
-  const int found = static_cast<int>(pose.matches.size());
-  return pose.ok && found >= kMinMatches && found >= kMinMatchedShare * pose.visible;
+// Older key frames may show what is hidden now; what the anchor saw a moment ago must be there still.
+bool found_share(const Localisation& pose, double share) {
+  return pose.ok && static_cast<int>(pose.matches.size()) >= kMinMatches &&
+         pose.matched_with_anchor >= share * pose.visible_in_anchor;
 }
 
+bool believable(const Localisation& pose) {
+  return found_share(pose, kMinMatchedShare);
+}
 bool convincing(const Localisation& pose) {
-  return believable(pose) && static_cast<double>(pose.matches.size()) >= kGoodMatchedShare * pose.visible;
+  return found_share(pose, kGoodMatchedShare);
 }
 
 double median(std::vector<double>& values) {
@@ -230,7 +234,8 @@ Localisation Odometry::localise(const View& view) {
 void Odometry::track(const ViewPtr& view) {
   Localisation pose = localise(*view);
   if (!believable(pose)) {
-    lose(view, pose.ok ? fmt::format("{} of {} visible points matched", pose.matches.size(), pose.visible)
+    lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
+                                     pose.matched_with_anchor, pose.visible_in_anchor)
                        : pose.reason);
     return;
   }

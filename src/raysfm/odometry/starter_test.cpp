@@ -1,0 +1,164 @@
+#include "raysfm/odometry/starter.h"
+
+#include <gtest/gtest.h>
+
+#include "support/panel_world.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::black_view;
+using testing_support::degrees_between;
+using testing_support::film;
+using testing_support::PanelWorld;
+using testing_support::small_camera;
+using testing_support::world_ray;
+
+// To the right and a little forward, turning slowly.
+Rigid3 moving(int frame) {
+  const double t = frame;
+  const Rigid3 world_from_rig{exp_so3({0.001 * t, -0.002 * t, 0.0015 * t}),
+                              {-0.4 + 0.04 * t, 0.004 * t, 0.008 * t}};
+  return world_from_rig.inverse();
+}
+
+class StarterTest : public testing::Test {
+ protected:
+  // Feeds frames until there is a start; `pose_of` is null for black ones.
+  void feed(int frames, const std::function<Rigid3(int)>& pose_of) {
+    for (int i = 0; i < frames && !start_; ++i) {
+      const ViewPtr view = pose_of ? film(world_, rig_.cameras[0], pose_of(i), i) : black_view(320, 240, i);
+      start_ = starter_.push(view, mapper_);
+    }
+    if (!start_) start_ = starter_.finish(mapper_);
+  }
+
+  PanelWorld world_{7};
+  Rig rig_{{small_camera()}};
+  OdometryOptions options_;
+  Mapper mapper_{rig_, options_};
+  Starter starter_{rig_, options_};
+  std::optional<Start> start_;
+};
+
+TEST_F(StarterTest, FindsTheMotionOfThreeViews) {
+  feed(25, moving);
+  ASSERT_TRUE(start_) << starter_.reason();
+  ASSERT_EQ(start_->map.keyframes.size(), 3u);
+  ASSERT_EQ(start_->views.size(), 3u);
+  const MapKeyFrame* keyframes = start_->map.keyframes.data();
+  EXPECT_EQ(start_->summary.frames,
+            (std::vector<int>{keyframes[0].frame, keyframes[1].frame, keyframes[2].frame}));
+  EXPECT_LT(keyframes[0].frame, keyframes[1].frame);
+  EXPECT_LT(keyframes[1].frame, keyframes[2].frame);
+  EXPECT_EQ(starter_.views()[start_->first_view]->frame, keyframes[0].frame);
+  // The first key frame is the world.
+  EXPECT_LT(keyframes[0].rig_from_world.translation.norm(), 1e-12);
+  EXPECT_LT(degrees_between(keyframes[0].rig_from_world.rotation, Eigen::Quaterniond::Identity()), 1e-6);
+
+  const Rigid3 world_from_first = moving(keyframes[0].frame).inverse();
+  Eigen::Vector3d truth[3], found[3];
+  for (int v = 1; v < 3; ++v) {
+    const Rigid3 true_rig_from_first = moving(keyframes[v].frame) * world_from_first;
+    EXPECT_LT(degrees_between(keyframes[v].rig_from_world.rotation, true_rig_from_first.rotation), 0.3) << v;
+    truth[v] = true_rig_from_first.inverse().translation;
+    found[v] = keyframes[v].rig_from_world.inverse().translation;
+    EXPECT_LT(degrees_between(found[v], truth[v]), 2.0) << v;
+  }
+  EXPECT_NEAR(found[1].norm() / found[2].norm(), truth[1].norm() / truth[2].norm(), 0.02);
+}
+
+TEST_F(StarterTest, PointsLieOnTheSurfacesInTheScaleOfTheStart) {
+  feed(25, moving);
+  ASSERT_TRUE(start_) << starter_.reason();
+  const MapKeyFrame* keyframes = start_->map.keyframes.data();
+  const double metres =
+      (moving(keyframes[2].frame) * moving(keyframes[0].frame).inverse()).translation.norm() /
+      keyframes[2].rig_from_world.translation.norm();
+  int points = 0, right = 0;
+  for (const Track& track : start_->map.tracks) {
+    if (!track.triangulated) continue;
+    ++points;
+    const TrackObservation& o = track.observations[0];
+    const Eigen::Vector2d pixel = keyframes[o.keyframe].pixels[o.feature].cast<double>();
+    const Rigid3 true_pose = moving(keyframes[o.keyframe].frame);
+    const auto truth = world_.hit(world_ray(rig_.cameras[0], true_pose, pixel));
+    ASSERT_TRUE(truth);
+    const double distance = (true_pose * *truth).norm();
+    right += std::abs(metres * (keyframes[o.keyframe].rig_from_world * track.position).norm() - distance) <
+             0.1 * distance;
+  }
+  EXPECT_GT(points, 100);
+  EXPECT_GT(right, 0.9 * points);
+  EXPECT_EQ(start_->summary.method, "five-point");
+  EXPECT_GT(start_->summary.inliers, 50);
+  EXPECT_LE(start_->summary.inliers, points);
+}
+
+TEST_F(StarterTest, TellsWhatTheViewsBetweenSaw) {
+  feed(25, moving);
+  ASSERT_TRUE(start_) << starter_.reason();
+  const MapKeyFrame* keyframes = start_->map.keyframes.data();
+  const int between = keyframes[2].frame - keyframes[0].frame;
+  ASSERT_GE(static_cast<int>(start_->seen.size()), between);
+  for (int k = 0; k < between; ++k) {
+    const Rigid3 pose = moving(keyframes[0].frame + 1 + k);
+    int right = 0;
+    for (const TrackPixel& seen : start_->seen[k]) {
+      // Truth of the track by its first pixel; corners are up to about a pixel off.
+      const TrackObservation& o = start_->map.tracks[seen.track].observations[0];
+      const Eigen::Vector2d pixel = keyframes[o.keyframe].pixels[o.feature].cast<double>();
+      const auto point = world_.hit(world_ray(rig_.cameras[0], moving(keyframes[o.keyframe].frame), pixel));
+      Eigen::Vector2d expected;
+      right += point && rig_.cameras[0].project(pose * *point, &expected) &&
+               (expected - seen.pixel.cast<double>()).norm() < 2.5;
+    }
+    EXPECT_GT(start_->seen[k].size(), 50u) << k;
+    EXPECT_GT(right, 0.8 * start_->seen[k].size()) << k;
+  }
+}
+
+TEST_F(StarterTest, AStandingCameraDoesNotStart) {
+  feed(8, [](int) { return moving(5); });
+  EXPECT_FALSE(start_);
+  EXPECT_NE(starter_.reason().find("no motion"), std::string::npos) << starter_.reason();
+}
+
+TEST_F(StarterTest, ATurningCameraDoesNotStart) {
+  const Eigen::Vector3d place(-0.2, 0.1, 0.3);
+  feed(30, [&](int i) { return Rigid3{exp_so3({0.002 * i, -0.3 + 0.02 * i, 0.003 * i}), place}.inverse(); });
+  EXPECT_FALSE(start_);
+  EXPECT_NE(starter_.reason().find("rotation"), std::string::npos) << starter_.reason();
+  EXPECT_GT(starter_.attempts(), 0);
+}
+
+TEST_F(StarterTest, BlackFramesDoNotStart) {
+  feed(6, nullptr);
+  EXPECT_FALSE(start_);
+  EXPECT_NE(starter_.reason().find("few"), std::string::npos) << starter_.reason();
+}
+
+TEST_F(StarterTest, TwoFramesAreTooFew) {
+  feed(2, moving);
+  EXPECT_FALSE(start_);
+  EXPECT_NE(starter_.reason().find("2 frames are too few"), std::string::npos) << starter_.reason();
+}
+
+TEST_F(StarterTest, NoFramesAreTooFew) {
+  EXPECT_FALSE(starter_.finish(mapper_));
+  EXPECT_NE(starter_.reason().find("0 frames are too few"), std::string::npos) << starter_.reason();
+}
+
+TEST_F(StarterTest, StartsAfterABlackBeginningAndAStandingOne) {
+  feed(30, [&](int i) { return moving(std::max(0, i - 5)); });
+  ASSERT_TRUE(start_) << starter_.reason();
+  const Rigid3 truth = moving(std::max(0, start_->map.keyframes[2].frame - 5)) *
+                       moving(std::max(0, start_->map.keyframes[0].frame - 5)).inverse();
+  EXPECT_LT(degrees_between(start_->map.keyframes[2].rig_from_world.rotation, truth.rotation), 0.3);
+  EXPECT_LT(degrees_between(start_->map.keyframes[2].rig_from_world.inverse().translation,
+                            truth.inverse().translation),
+            2.0);
+}
+
+}  // namespace
+}  // namespace raysfm
