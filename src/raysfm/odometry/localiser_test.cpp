@@ -31,8 +31,13 @@ Eigen::Matrix<double, 6, 1> error_of(const Rigid3& truth, const Rigid3& estimate
 
 class LocaliserTest : public testing::Test {
  protected:
+  static const TrueMap& three_keyframes() {
+    static const TrueMap map = true_map(PanelWorld(7), 3);
+    return map;
+  }
+
   PanelWorld world_{7};
-  TrueMap truth_ = true_map(world_, 3);
+  const TrueMap& truth_ = three_keyframes();
   OdometryOptions options_;
   Localiser localiser_{truth_.rig, options_};
   LocalMap local_ = make_local_map(truth_.map, truth_.views, truth_.rig.cameras[0], 2, kAllNear);
@@ -154,17 +159,18 @@ TEST_F(LocaliserTest, RefineFollowsPointsThatHaveMoved) {
   std::vector<TrackPixel> matches;
   for (const PointMatch& m : found.matches) matches.push_back({m.track, m.pixel});
 
+  Map map = truth_.map;
   const Rigid3 shift{Eigen::Quaterniond::Identity(), {0.02, 0.01, -0.03}};
-  for (Track& track : truth_.map.tracks) track.position = shift * track.position;
+  for (Track& track : map.tracks) track.position = shift * track.position;
   Rigid3 moved = found.rig_from_world;
   Matrix6d covariance;
-  ASSERT_TRUE(localiser_.refine(truth_.map, matches, &moved, &covariance));
+  ASSERT_TRUE(localiser_.refine(map, matches, &moved, &covariance));
   EXPECT_LT(error_of(found.rig_from_world * shift.inverse(), moved).norm(), 1e-5);
   EXPECT_LT((covariance - found.covariance).norm(), 0.05 * found.covariance.norm());
 
-  for (Track& track : truth_.map.tracks) track.triangulated = false;
+  for (Track& track : map.tracks) track.triangulated = false;
   const Rigid3 before = moved;
-  EXPECT_FALSE(localiser_.refine(truth_.map, matches, &moved, &covariance));
+  EXPECT_FALSE(localiser_.refine(map, matches, &moved, &covariance));
   EXPECT_EQ(moved.translation, before.translation);
   EXPECT_EQ(moved.rotation.coeffs(), before.rotation.coeffs());
 }

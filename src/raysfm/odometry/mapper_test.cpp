@@ -195,7 +195,12 @@ class AdjustTest : public testing::Test {
     return std::sqrt(squares / count);
   }
 
-  TrueMap truth_ = true_map(PanelWorld(7), 10);
+  static const TrueMap& ten_keyframes() {
+    static const TrueMap map = true_map(PanelWorld(7), 10);
+    return map;
+  }
+
+  TrueMap truth_{ten_keyframes().rig, ten_keyframes().map, {}};
   OdometryOptions options_;
   Rng rng_{17};
 };

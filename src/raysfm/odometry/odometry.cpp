@@ -21,8 +21,10 @@ constexpr Effort kNear{0.015f, 300}, kWide{0.04f, 600}, kBlind{0.12f, 1000};
 constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.3;    // of the visible points of the anchor
 constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth its time
-// A key frame is due once the camera has moved by this part of the distance to the points.
+// Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
+// points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
+constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little is matched
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
@@ -239,7 +241,7 @@ void Odometry::track(const ViewPtr& view) {
                        : pose.reason);
     return;
   }
-  if (needs_keyframe(pose)) {
+  if (needs_keyframe(view->frame, pose)) {
     const bool previous_is_keyframe = segment().map.keyframes.back().frame == previous_->view->frame;
     if (previous_is_keyframe) {
       promote(view, pose);
@@ -261,12 +263,15 @@ void Odometry::track(const ViewPtr& view) {
   accept(view, std::move(pose));
 }
 
-bool Odometry::needs_keyframe(const Localisation& pose) const {
+bool Odometry::needs_keyframe(int frame, const Localisation& pose) const {
   const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
   if (pose.matched_with_anchor < enough) return true;
-  const Rigid3 step =
-      pose.rig_from_world * segments_.back().map.keyframes[local_.anchor].rig_from_world.inverse();
-  if (step.translation.norm() > kKeyFrameBaseline * anchor_distance_) return true;
+  const MapKeyFrame& anchor = segments_.back().map.keyframes[local_.anchor];
+  const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
+  if (frame - anchor.frame > kMinKeyFrameGap &&
+      step.translation.norm() > kKeyFrameBaseline * anchor_distance_) {
+    return true;
+  }
   const Eigen::Matrix3d position =
       covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();
   const double semi_axis =

@@ -76,7 +76,7 @@ class Odometry {
   Localisation localise(const View& view);
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
-  bool needs_keyframe(const Localisation& pose) const;
+  bool needs_keyframe(int frame, const Localisation& pose) const;
   void promote(const ViewPtr& view, const Localisation& pose);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
