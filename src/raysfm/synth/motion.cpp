@@ -64,7 +64,7 @@ double yaw_of(const Vector3d& forward) {
 }
 
 // Along a curve, looking ahead, with the bounce of wheels or feet.
-Motion follow(Curve curve, double points_per_second, uint64_t seed) {
+Motion follow(const Curve& curve, double points_per_second, uint64_t seed) {
   Rng rng(seed, 11);
   const Unrest3 bounce(rng, {0.006, 0.010, 0.0}, 0.3, 1.6);
   const Unrest3 sway(rng, Vector3d(0.5, 0.7, 0.5) * kDegree, 0.15, 1.2);  // pitch, yaw, roll
@@ -137,7 +137,7 @@ Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionO
   if (name == "loop") {
     Curve circuit(stage.circuit, true);
     const double rate = circuit.period() / options.duration;
-    return follow(std::move(circuit), rate, options.seed);
+    return follow(circuit, rate, options.seed);
   }
   if (name == "handheld") return handheld(stage, options.seed);
   if (name == "orbit") return orbit(stage, options.duration, options.seed);
