@@ -9,7 +9,9 @@
 namespace raysfm {
 namespace {
 
-Eigen::Vector3d random_vector(Rng& rng) { return {rng.normal(), rng.normal(), rng.normal()}; }
+Eigen::Vector3d random_vector(Rng& rng) {
+  return {rng.normal(), rng.normal(), rng.normal()};
+}
 
 TEST(Rotation, ExpIsTheMatrixExponential) {
   Rng rng(1);
