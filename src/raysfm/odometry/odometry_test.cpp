@@ -1,0 +1,339 @@
+#include "raysfm/odometry/odometry.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <map>
+
+#include "raysfm/eval/trajectory_error.h"
+#include "support/synth_views.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::black_view;
+using testing_support::renumbered;
+using testing_support::small_camera;
+using testing_support::synth_views;
+using testing_support::SynthViews;
+
+// Views of several scenes in a row, each with the number of its scene (-1: black) and the true pose in it.
+struct Input {
+  std::vector<ViewPtr> views;
+  std::vector<int> scene;
+  std::vector<Rigid3> world_from_rig;
+
+  int size() const { return static_cast<int>(views.size()); }
+  void add(const SynthViews& from, int index, int scene_number) {
+    views.push_back(renumbered(from.views[index], size()));
+    scene.push_back(scene_number);
+    world_from_rig.push_back(from.world_from_rig[index]);
+  }
+  void add_all(const SynthViews& from, int scene_number) {
+    for (size_t i = 0; i < from.views.size(); ++i) add(from, static_cast<int>(i), scene_number);
+  }
+  void add_black(int count) {
+    for (int i = 0; i < count; ++i) {
+      views.push_back(black_view(320, 240, size()));
+      scene.push_back(-1);
+      world_from_rig.emplace_back();
+    }
+  }
+};
+
+// About 3 m along a corridor, and 2.4 m round a board.
+const SynthViews& corridor() {
+  static const SynthViews views = synth_views("corridor", "drive", 30);
+  return views;
+}
+const SynthViews& board() {
+  static const SynthViews views = synth_views("board", "orbit", 24);
+  return views;
+}
+
+Input one_scene(const SynthViews& views) {
+  Input input;
+  input.add_all(views, 0);
+  return input;
+}
+
+Reconstruction run(const Input& input, const OdometryOptions& options = {}, bool final_global = false,
+                   const EventSink& events = {}) {
+  Odometry odometry(Rig{{small_camera()}}, options, events);
+  for (const ViewPtr& view : input.views) odometry.process(view);
+  EXPECT_EQ(odometry.frames(), input.size());
+  return odometry.finish(final_global);
+}
+
+// Error of the frames of one segment that show one scene.
+Result<Evaluation> error_of(const Reconstruction& r, const Input& input, int segment, int scene) {
+  Trajectory estimate, truth;
+  for (int i = 0; i < input.size(); ++i) {
+    if (r.frames[i].segment != segment || input.scene[i] != scene) continue;
+    estimate.timestamps.push_back(i);
+    estimate.world_from_cam.push_back(*r.frames[i].world_from_rig);
+    truth.timestamps.push_back(i);
+    truth.world_from_cam.push_back(input.world_from_rig[i]);
+  }
+  return evaluate(estimate, truth, {});
+}
+
+void expect_small_error(const Reconstruction& r, const Input& input, int segment, int scene,
+                        double percent = 0.5) {
+  const Result<Evaluation> error = error_of(r, input, segment, scene);
+  ASSERT_TRUE(error) << error.error().message;
+  EXPECT_LT(error->percent_of_path(), percent);
+  EXPECT_LT(error->ate.max, 4 * percent / 100 * error->length);
+  EXPECT_LT(error->rpe.rot_deg, 0.15);
+}
+
+// What holds for every reconstruction.
+void expect_sound(const Reconstruction& r, const Input& input) {
+  ASSERT_EQ(static_cast<int>(r.frames.size()), input.size());
+  ASSERT_EQ(r.starts.size(), r.segments.size());
+  std::map<int, std::pair<int, int>> extent;  // of each segment
+  for (int i = 0; i < input.size(); ++i) {
+    const PosedFrame& f = r.frames[i];
+    EXPECT_EQ(f.timestamp, input.views[i]->timestamp);
+    EXPECT_EQ(f.world_from_rig.has_value(), f.segment >= 0) << i;
+    EXPECT_EQ(f.world_from_rig.has_value(), f.reason.empty()) << i << ": " << f.reason;
+    if (!f.world_from_rig) continue;
+    extent.try_emplace(f.segment, i, i).first->second.second = i;
+    EXPECT_NEAR(f.world_from_rig->rotation.norm(), 1, 1e-9);
+    EXPECT_TRUE(f.world_from_rig->translation.allFinite());
+    EXPECT_EQ(Eigen::LLT<Matrix6d>(f.covariance).info(), Eigen::Success) << i;
+    EXPECT_GT(f.covariance.diagonal().minCoeff(), 0) << i;
+  }
+  ASSERT_EQ(extent.size(), r.segments.size());
+  for (const auto& [segment, range] : extent) {
+    ASSERT_LT(segment, static_cast<int>(r.segments.size()));
+    EXPECT_EQ(r.segments[segment].first, range.first);
+    EXPECT_EQ(r.segments[segment].last, range.second);
+    EXPECT_FALSE(r.segments[segment].reason.empty());
+  }
+}
+
+// Key frames, observations and points belong together, and the rms is theirs.
+void expect_consistent_map(const Reconstruction& r) {
+  double squares = 0;
+  int end = 0;
+  for (const KeyFrame& k : r.keyframes) {
+    EXPECT_EQ(k.first_observation, end);
+    end = k.last_observation;
+    const PosedFrame& frame = r.frames[k.frame];
+    ASSERT_TRUE(frame.world_from_rig);
+    for (int o = k.first_observation; o < k.last_observation; ++o) {
+      const MapPoint& point = r.points[r.observations[o].point];
+      EXPECT_EQ(point.segment, frame.segment);
+      Eigen::Vector2d pixel;
+      ASSERT_TRUE(r.rig.cameras[0].project(frame.world_from_rig->inverse() * point.position, &pixel));
+      squares += (pixel - r.observations[o].pixel).squaredNorm();
+    }
+  }
+  ASSERT_EQ(end, static_cast<int>(r.observations.size()));
+  EXPECT_NEAR(std::sqrt(squares / end), r.rms_reprojection_px, 1e-6);
+  EXPECT_LT(r.rms_reprojection_px, 1.0);
+}
+
+bool identical(const Reconstruction& a, const Reconstruction& b) {
+  if (a.frames.size() != b.frames.size() || a.points.size() != b.points.size()) return false;
+  for (size_t i = 0; i < a.frames.size(); ++i) {
+    const PosedFrame &f = a.frames[i], &g = b.frames[i];
+    if (f.segment != g.segment || f.reason != g.reason || f.covariance != g.covariance) return false;
+    if (f.world_from_rig && (f.world_from_rig->translation != g.world_from_rig->translation ||
+                             f.world_from_rig->rotation.coeffs() != g.world_from_rig->rotation.coeffs())) {
+      return false;
+    }
+  }
+  for (size_t i = 0; i < a.points.size(); ++i) {
+    if (a.points[i].position != b.points[i].position) return false;
+  }
+  return a.rms_reprojection_px == b.rms_reprojection_px;
+}
+
+TEST(Odometry, PosesEveryFrameOfADrive) {
+  const Input input = one_scene(corridor());
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  expect_consistent_map(r);
+  ASSERT_EQ(r.segments.size(), 1u);
+  EXPECT_EQ(r.segments[0].first, 0);
+  EXPECT_EQ(r.segments[0].last, 29);
+  EXPECT_EQ(r.segments[0].reason, "end of input");
+  for (const PosedFrame& f : r.frames) EXPECT_TRUE(f.world_from_rig) << f.reason;
+  EXPECT_GT(r.keyframes.size(), 3u);
+  EXPECT_GT(r.points.size(), 200u);
+  expect_small_error(r, input, 0, 0);
+}
+
+// Few key frames are adjusted at once, so that poses are settled while the camera still moves.
+TEST(Odometry, PosesEveryFrameWithASmallWindow) {
+  const Input input = one_scene(corridor());
+  OdometryOptions options;
+  options.free_cameras = 2;
+  options.window = 4;
+  options.global_until = 4;
+  const Reconstruction r = run(input, options);
+  expect_sound(r, input);
+  expect_consistent_map(r);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (const PosedFrame& f : r.frames) EXPECT_TRUE(f.world_from_rig) << f.reason;
+  expect_small_error(r, input, 0, 0, 1.0);
+}
+
+TEST(Odometry, FramesBeforeTheStartGetPosesAfterwards) {
+  Input input;
+  input.add_black(3);
+  for (int i = 0; i < 5; ++i) input.add(board(), 0, 0);  // stands
+  input.add_all(board(), 0);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  EXPECT_EQ(r.segments[0].first, 3);
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(r.frames[i].reason.empty()) << i;
+  for (int i = 3; i < input.size(); ++i) EXPECT_TRUE(r.frames[i].world_from_rig) << r.frames[i].reason;
+  expect_small_error(r, input, 0, 0);
+}
+
+TEST(Odometry, TwoRunsAreTheSameToTheLastBit) {
+  Input input = one_scene(board());
+  input.add_black(2);
+  input.add_all(corridor(), 1);
+  EXPECT_TRUE(identical(run(input), run(input)));
+  EXPECT_TRUE(identical(run(input, {}, true), run(input, {}, true)));
+}
+
+TEST(Odometry, AnotherSeedGivesNearlyTheSamePoses) {
+  const Input input = one_scene(corridor());
+  Input other = input;
+  OdometryOptions options;
+  options.seed = 4711;
+  const Reconstruction a = run(input), b = run(input, options);
+  for (int i = 0; i < input.size(); ++i) {
+    ASSERT_TRUE(a.frames[i].world_from_rig);
+    other.world_from_rig[i] = *a.frames[i].world_from_rig;
+  }
+  expect_small_error(b, other, 0, 0, 0.5);
+}
+
+TEST(Odometry, AFinalAdjustmentDoesNotHarm) {
+  const Input input = one_scene(corridor());
+  const Reconstruction before = run(input), after = run(input, {}, true);
+  expect_sound(after, input);
+  expect_consistent_map(after);
+  EXPECT_LT(after.rms_reprojection_px, 1.02 * before.rms_reprojection_px);
+  expect_small_error(after, input, 0, 0);
+}
+
+TEST(Odometry, FindsTrackAgainAfterAGap) {
+  Input input = one_scene(board());
+  input.add_black(4);
+  for (int i = 23; i >= 6; --i) input.add(board(), i, 0);  // on from the same place, and back
+  std::vector<std::string> warnings;
+  const Reconstruction r = run(input, {}, false, [&](const Event& event) {
+    if (event.message.starts_with("track lost")) warnings.push_back(event.message);
+  });
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = 0; i < input.size(); ++i) {
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), input.scene[i] >= 0) << i << r.frames[i].reason;
+  }
+  EXPECT_EQ(r.segments[0].last, input.size() - 1);
+  EXPECT_EQ(r.segments[0].reason, "end of input");
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_NE(warnings[0].find("track lost at frame 24"), std::string::npos) << warnings[0];
+  expect_small_error(r, input, 0, 0);
+}
+
+// Never two worlds in one segment, with and without a gap between them.
+class TwoScenesTest : public testing::TestWithParam<int> {};
+
+TEST_P(TwoScenesTest, HaveASegmentEach) {
+  Input input = one_scene(board());
+  input.add_black(GetParam());
+  input.add_all(corridor(), 1);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  expect_consistent_map(r);
+  ASSERT_EQ(r.segments.size(), 2u);
+  EXPECT_NE(r.segments[0].reason, "end of input");
+  EXPECT_EQ(r.segments[1].reason, "end of input");
+  for (int i = 0; i < input.size(); ++i) EXPECT_EQ(r.frames[i].segment, input.scene[i]) << i;
+  expect_small_error(r, input, 0, 0);
+  expect_small_error(r, input, 1, 1);
+}
+
+INSTANTIATE_TEST_SUITE_P(Odometry, TwoScenesTest, testing::Values(0, 1, 6));
+
+TEST(Odometry, AnOldSceneThatComesBackDoesNotEnterTheNewSegment) {
+  Input input = one_scene(board());
+  input.add_all(corridor(), 1);
+  for (int i = 23; i >= 0; --i) input.add(board(), i, 2);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  std::map<int, int> scene_of_segment;
+  for (int i = 0; i < input.size(); ++i) {
+    if (r.frames[i].segment < 0) continue;
+    EXPECT_EQ(scene_of_segment.try_emplace(r.frames[i].segment, input.scene[i]).first->second, input.scene[i])
+        << i;
+  }
+  for (const auto& [segment, scene] : scene_of_segment) expect_small_error(r, input, segment, scene);
+}
+
+// Two corridors of the same kind, of the same bricks and boards.
+TEST(Odometry, ASceneOfTheSameKindIsNotTakenForTheOldOne) {
+  Input input = one_scene(corridor());
+  input.add_all(synth_views("corridor", "drive", 30, 1), 1);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 2u);
+  for (int i = 0; i < input.size(); ++i) EXPECT_EQ(r.frames[i].segment, input.scene[i]) << i;
+  expect_small_error(r, input, 0, 0);
+  expect_small_error(r, input, 1, 1);
+}
+
+TEST(Odometry, ATurningCameraGetsAReasonAndNoPoses) {
+  const Input input = one_scene(synth_views("room", "rotate", 80));
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  EXPECT_TRUE(r.segments.empty());
+  for (const PosedFrame& f : r.frames) EXPECT_NE(f.reason.find("rotation"), std::string::npos) << f.reason;
+}
+
+TEST(Odometry, AStandingCameraGetsAReasonAndNoPoses) {
+  Input input;
+  for (int i = 0; i < 12; ++i) input.add(board(), 5, 0);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  EXPECT_TRUE(r.segments.empty());
+  for (const PosedFrame& f : r.frames) EXPECT_NE(f.reason.find("no motion"), std::string::npos) << f.reason;
+}
+
+TEST(Odometry, TooFewFramesGetReasons) {
+  for (int count = 0; count < 3; ++count) {
+    Input input;
+    for (int i = 0; i < count; ++i) input.add(board(), 6 * i, 0);
+    for (const bool final_global : {false, true}) {
+      const Reconstruction r = run(input, {}, final_global);
+      expect_sound(r, input);
+      EXPECT_TRUE(r.segments.empty());
+      EXPECT_TRUE(r.points.empty());
+      EXPECT_EQ(r.rms_reprojection_px, 0);
+      for (const PosedFrame& f : r.frames) {
+        EXPECT_NE(f.reason.find(std::to_string(count) + " frames are too few"), std::string::npos)
+            << f.reason;
+      }
+    }
+  }
+}
+
+TEST(Odometry, OnlyBlackFramesGetReasons) {
+  Input input;
+  input.add_black(6);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  EXPECT_TRUE(r.segments.empty());
+}
+
+}  // namespace
+}  // namespace raysfm
