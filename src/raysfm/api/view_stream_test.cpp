@@ -1,0 +1,154 @@
+#include "raysfm/api/view_stream.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cstring>
+
+#include "support/texture.h"
+
+namespace raysfm {
+namespace {
+
+// Frames made on demand; an error instead of the frame `error_at`.
+class MadeFrames : public FrameSource {
+ public:
+  explicit MadeFrames(int count, int error_at = -1, bool colour = false)
+      : count_(count), error_at_(error_at), colour_(colour) {}
+
+  Result<std::optional<InputFrame>> next() override {
+    const int i = made++;
+    if (ended_ || i >= count_) return std::optional<InputFrame>();
+    if (i == error_at_) {
+      ended_ = true;
+      return bad_input("frame 5 of the test is broken");
+    }
+    InputFrame frame;
+    frame.index = i;
+    frame.timestamp = 0.25 * i;
+    frame.name = "frame " + std::to_string(i);
+    frame.gray = testing_support::random_image(width(), height(), 100 + i);
+    if (colour_) frame.bgr = testing_support::random_image(3 * width(), height(), 200 + i);
+    return std::optional(std::move(frame));
+  }
+  int width() const override { return 96; }
+  int height() const override { return 64; }
+  int frame_count() const override { return count_; }
+  std::string description() const override { return "made for a test"; }
+
+  std::atomic<int> made = 0;  // calls of next()
+
+ private:
+  int count_, error_at_;
+  bool colour_, ended_ = false;
+};
+
+bool same_pixels(GrayView a, GrayView b) {
+  if (a.width != b.width || a.height != b.height) return false;
+  for (int y = 0; y < a.height; ++y) {
+    if (std::memcmp(a.row(y), b.row(y), a.width) != 0) return false;
+  }
+  return true;
+}
+
+std::vector<ViewPtr> all_views(ViewStream& stream) {
+  std::vector<ViewPtr> views;
+  for (;;) {
+    Result<ViewPtr> view = stream.next();
+    if (!view) ADD_FAILURE() << view.error().message;
+    if (!view || !*view) return views;
+    views.push_back(*view);
+  }
+}
+
+constexpr HarrisOptions kOptions{.max_features = 80, .mask = {}};
+
+class ViewStreamTest : public testing::TestWithParam<int> {};  // threads
+
+TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
+  constexpr int kFrames = 40;
+  MadeFrames source(kFrames), alone(kFrames);
+  ViewStream stream(source, {}, kOptions, GetParam());
+  const std::vector<ViewPtr> views = all_views(stream);
+  ASSERT_EQ(views.size(), size_t{kFrames});
+  HarrisDetector detector;
+  for (int i = 0; i < kFrames; ++i) {
+    const InputFrame frame = std::move(**alone.next());
+    EXPECT_EQ(views[i]->frame, i);
+    EXPECT_EQ(views[i]->timestamp, 0.25 * i);
+    EXPECT_EQ(views[i]->name, frame.name);
+    EXPECT_TRUE(same_pixels(views[i]->image, frame.gray)) << i;
+    Features expected;
+    detector.detect(frame.gray, kOptions, &expected);
+    ASSERT_GT(expected.size(), 20);
+    EXPECT_EQ(views[i]->features.pixels, expected.pixels) << i;
+  }
+  Result<ViewPtr> after = stream.next();
+  ASSERT_TRUE(after);
+  EXPECT_EQ(*after, nullptr) << "after the end there is nothing";
+  EXPECT_EQ(stream.finish().count, kFrames);
+}
+
+TEST_P(ViewStreamTest, APartOfTheFramesIsCut) {
+  MadeFrames source(3, -1, true), alone(3, -1, true);
+  const Roi roi{10, 7, 64, 48};
+  ViewStream stream(source, roi, kOptions, GetParam());
+  for (const ViewPtr& view : all_views(stream)) {
+    const InputFrame frame = std::move(**alone.next());
+    const GrayView gray = frame.gray.view(), bgr = frame.bgr.view();
+    EXPECT_TRUE(same_pixels(view->image, {gray.row(7) + 10, 64, 48, gray.stride}));
+    EXPECT_TRUE(same_pixels(view->bgr, {bgr.row(7) + 30, 192, 48, bgr.stride}));
+  }
+  EXPECT_EQ(source.made, 4) << "three frames and the end";
+}
+
+TEST_P(ViewStreamTest, AnErrorComesInItsTurnAndEndsTheStream) {
+  MadeFrames source(20, 5);
+  ViewStream stream(source, {}, kOptions, GetParam());
+  for (int i = 0; i < 5; ++i) {
+    Result<ViewPtr> view = stream.next();
+    ASSERT_TRUE(view) << view.error().message;
+    ASSERT_TRUE(*view);
+    EXPECT_EQ((*view)->frame, i);
+  }
+  Result<ViewPtr> broken = stream.next();
+  ASSERT_FALSE(broken);
+  EXPECT_EQ(broken.error().message, "frame 5 of the test is broken");
+  EXPECT_EQ(broken.error().kind, ErrorKind::kBadInput);
+  Result<ViewPtr> after = stream.next();
+  ASSERT_TRUE(after);
+  EXPECT_EQ(*after, nullptr);
+}
+
+TEST_P(ViewStreamTest, NoFramesAreNoViews) {
+  MadeFrames source(0);
+  ViewStream stream(source, {}, kOptions, GetParam());
+  EXPECT_TRUE(all_views(stream).empty());
+}
+
+// A hang shows as the time limit of the test; the frames read ahead must stay bounded.
+TEST_P(ViewStreamTest, MayBeLeftAtAnyTime) {
+  constexpr int kFrames = 1000000;
+  for (const int taken : {0, 1, 3, 12}) {
+    MadeFrames source(kFrames);
+    {
+      ViewStream stream(source, {}, kOptions, GetParam());
+      for (int i = 0; i < taken; ++i) ASSERT_TRUE(stream.next());
+    }
+    EXPECT_GE(source.made, taken);
+    EXPECT_LE(source.made, taken + 20);
+  }
+}
+
+TEST_P(ViewStreamTest, MayBeFinishedEarly) {
+  MadeFrames source(100);
+  ViewStream stream(source, {}, kOptions, GetParam());
+  ASSERT_TRUE(stream.next());
+  EXPECT_GE(stream.finish().count, 1);
+  EXPECT_EQ(stream.finish().count, source.made) << "a second call tells the same";
+}
+
+INSTANTIATE_TEST_SUITE_P(Threads, ViewStreamTest, testing::Values(1, 2, 4));
+
+}  // namespace
+}  // namespace raysfm
