@@ -3,8 +3,8 @@
 #include "raysfm/api/track.h"
 #include "raysfm/eval/trajectory_error.h"
 
-// Uses the lowest and the highest floor of the installed library: evaluates a path against itself, and asks for a
-// reconstruction of a video that does not exist, which must be refused with a message.
+// Uses the lowest and the highest floor of the installed library: evaluates a path against itself, and asks
+// for a reconstruction of a video that does not exist, which must be refused with a message.
 int main() {
   raysfm::Trajectory path;
   for (int i = 0; i < 10; ++i) {
