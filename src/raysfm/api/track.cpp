@@ -51,13 +51,13 @@ Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSin
 
 // The rig without all cameras but the first.
 Rig first_camera(Rig rig, const TrackSettings& settings, const EventSink& event) {
-  if (rig.cameras.size() == 1) return rig;
-  if (!settings.mono) {
+  if (rig.cameras.size() > 1 && !settings.mono) {
     tell(event, Event::Level::kWarning,
          fmt::format("{} cameras found; only the first, {}, is used so far", rig.cameras.size(),
                      rig.cameras[0].name));
   }
   rig.cameras.resize(1);
+  // The scale of one camera is arbitrary, so a lever arm in metres would mean nothing: the camera is the rig.
   rig.cameras[0].rig_from_cam = Rigid3{};
   return rig;
 }

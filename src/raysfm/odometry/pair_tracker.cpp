@@ -10,6 +10,7 @@ constexpr float kMinZncc = 0.8f;
 constexpr float kFirstRadius = 0.06f;
 constexpr float kRadius = 0.03f;
 constexpr float kMinCoarseZncc = 0.6f;
+constexpr float kTurnedShare = 0.5f;  // of the matches before: fewer ask for the motion of the whole image
 constexpr int kMaxMissed = 2;
 constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
 
@@ -34,29 +35,37 @@ PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)), newest_(base_) 
   missed_.assign(count, 0);
 }
 
-void PairTracker::predict(const View& next) {
+// Where each corner should be: by its own motion, or by that of the image as a whole.
+void PairTracker::predict(const View& next, const CoarseMotion* image_motion) {
   const int width = next.image.width(), height = next.image.height();
-  const CoarseMotion coarse = coarse_motion(*newest_, next);
-  const bool trusted = coarse.zncc > kMinCoarseZncc;
-  // Where the image as a whole has changed its course, the motion of each corner so far tells nothing.
-  const bool turned =
-      trusted && (coarse.shift - median_velocity_).norm() > kRadius * static_cast<float>(width);
   predicted_.resize(place_.size());
   radius_.resize(place_.size());
   for (size_t i = 0; i < place_.size(); ++i) {
     const bool known = missed_[i] == 0 && views() > 0;
-    const bool by_image = trusted && (turned || views() == 0);
-    predicted_[i] =
-        by_image ? coarse.apply(place_[i], width, height) : Eigen::Vector2f(place_[i] + velocity_[i]);
+    predicted_[i] = image_motion ? image_motion->apply(place_[i], width, height)
+                                 : Eigen::Vector2f(place_[i] + velocity_[i]);
     radius_[i] =
         missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * static_cast<float>(width);
   }
 }
 
+void PairTracker::match(const View& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found) {
+  predict(next, image_motion);
+  matcher_.match(base_->patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
+                 {.min_zncc = kMinZncc}, found);
+}
+
 int PairTracker::advance(ViewPtr next) {
-  predict(*next);
-  matcher_.match(base_->patches, predicted_, radius_, next->patches, next->features.pixels, next->grid,
-                 {.min_zncc = kMinZncc}, &found_);
+  const size_t expected = views() > 0 ? found_.size() : place_.size();
+  match(*next, nullptr, &found_);
+  // A camera that turns fast leaves every region of interest. Repeating texture can mislead the motion of the
+  // whole image, so it must find more than the corners' own motion does.
+  if (found_.size() < kTurnedShare * static_cast<float>(expected)) {
+    const CoarseMotion motion = coarse_motion(*newest_, *next);
+    if (motion.zncc > kMinCoarseZncc) match(*next, &motion, &found_by_image_);
+    if (found_by_image_.size() > found_.size()) found_.swap(found_by_image_);
+    found_by_image_.clear();
+  }
   update(*next);
   newest_ = std::move(next);
   return static_cast<int>(found_.size());
@@ -86,7 +95,6 @@ void PairTracker::update(const View& next) {
   for (int c = 0; c < kColumns * kRows; ++c) {
     motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median(du[c]), median(dv[c])) : overall;
   }
-  median_velocity_ = overall;
   median_displacement_ = median(displacement);
 
   for (size_t i = 0; i < place_.size(); ++i) {

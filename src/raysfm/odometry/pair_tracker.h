@@ -26,11 +26,11 @@ class PairTracker {
   float median_displacement() const { return median_displacement_; }
 
  private:
-  void predict(const View& next);
+  void predict(const View& next, const CoarseMotion* image_motion);
+  void match(const View& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found);
   void update(const View& next);
 
   ViewPtr base_, newest_;
-  Eigen::Vector2f median_velocity_ = Eigen::Vector2f::Zero();  // pixels per view
   ZnccMatcher matcher_;
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature
@@ -38,7 +38,7 @@ class PairTracker {
   std::vector<int> missed_;                // views in a row without a match
   std::vector<Eigen::Vector2f> predicted_;
   std::vector<float> radius_;
-  std::vector<ZnccMatch> found_;
+  std::vector<ZnccMatch> found_, found_by_image_;
   float median_displacement_ = 0;
 };
 
