@@ -19,20 +19,31 @@ PoseResiduals::PoseResiduals(const Rig& rig, const PoseObservations& observation
   }
 }
 
+bool PoseResiduals::pixel_residual(const Vector3d& in_rig, int i, Vector2d* residual,
+                                   Eigen::Matrix<double, 2, 3>* by_point) const {
+  const int c = observations_.camera(i);
+  const Vector3d in_cam = cam_from_rig_rotation_[c] * in_rig + cam_from_rig_translation_[c];
+  Vector2d pixel;
+  if (!rig_.cameras[c].project(in_cam, &pixel, by_point)) return false;
+  *residual = pixel - observations_.pixels[i];
+  if (by_point) *by_point = (*by_point * cam_from_rig_rotation_[c]).eval();
+  return true;
+}
+
 bool PoseResiduals::evaluate(const Matrix3d& rig_from_world_rotation,
                              const Vector3d& rig_from_world_translation, int i, Vector2d* residual,
                              Jacobian* jacobian) const {
-  const int c = observations_.camera(i);
   const Vector3d in_rig =
       rig_from_world_rotation * observations_.points_in_world[i] + rig_from_world_translation;
-  const Vector3d in_cam = cam_from_rig_rotation_[c] * in_rig + cam_from_rig_translation_[c];
-  Vector2d pixel;
   Eigen::Matrix<double, 2, 3> by_point;
-  if (!rig_.cameras[c].project(in_cam, &pixel, jacobian ? &by_point : nullptr)) return false;
-  *residual = pixel - observations_.pixels[i];
+  if (!observations_.rays.empty()) {
+    if (!observations_.rays[i].residual(in_rig, residual, jacobian ? &by_point : nullptr)) return false;
+  } else if (!pixel_residual(in_rig, i, residual, jacobian ? &by_point : nullptr)) {
+    return false;
+  }
   if (jacobian) {
     // d in_rig = v + w x in_rig, and a . (w x p) = w . (p x a).
-    jacobian->leftCols<3>().noalias() = by_point * cam_from_rig_rotation_[c];
+    jacobian->leftCols<3>() = by_point;
     for (int row = 0; row < 2; ++row) {
       const Vector3d a = jacobian->block<1, 3>(row, 0);
       jacobian->block<1, 3>(row, 3) = in_rig.cross(a);
