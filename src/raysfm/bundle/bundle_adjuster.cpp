@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "raysfm/bundle/angular_residual.h"
 #include "raysfm/bundle/normal_kernel.h"
 #include "raysfm/bundle/observation_layout.h"
 #include "raysfm/bundle/pixel_residual.h"
@@ -77,6 +78,7 @@ class BundleAdjuster::Workspace {
 
   std::span<const Camera> cameras_;
   std::span<const BundleObservation> observations_;
+  std::span<const ObservedRay> rays_;
   RobustLoss loss_;
   ObservationLayout layout_;
   SchurSystem system_;
@@ -92,6 +94,7 @@ class BundleAdjuster::Workspace {
 bool BundleAdjuster::Workspace::load(const BundleProblem& problem, const BundleOptions& options) {
   cameras_ = problem.cameras;
   observations_ = problem.observations;
+  rays_ = problem.rays;
   loss_ = options.loss;
   layout_.build(problem);
   active_.clear();
@@ -148,11 +151,13 @@ void BundleAdjuster::Workspace::accept() {
 }
 
 bool BundleAdjuster::Workspace::projects(const State& state, int lane) const {
-  const BundleObservation& o = observations_[layout_.lanes[lane].observation];
+  const int i = layout_.lanes[lane].observation;
+  const BundleObservation& o = observations_[i];
+  const Eigen::Vector3d x_in_rig = state.poses[o.pose] * state.points[o.point];
+  Eigen::Vector2d unused;
+  if (!rays_.empty()) return rays_[i].residual(x_in_rig, &unused);
   const Camera& camera = cameras_[o.camera];
-  Eigen::Vector2d pixel;
-  return camera.project(camera.rig_from_cam.inverse() * (state.poses[o.pose] * state.points[o.point]),
-                        &pixel);
+  return camera.project(camera.rig_from_cam.inverse() * x_in_rig, &unused);
 }
 
 void BundleAdjuster::Workspace::shorten_steps_of_lost() {
@@ -187,10 +192,16 @@ double BundleAdjuster::Workspace::work(State& state, bool linearize) {
   if (linearize) system_.set_zero();
   double cost = 0;
   for (const ObservationLayout::Group& group : layout_.groups) {
+    if (!rays_.empty()) {
+      const AngularResidual residual{rays_, layout_.lanes};
+      cost += linearize ? work_on_group<true>(group, residual, state)
+                        : work_on_group<false>(group, residual, state);
+      continue;
+    }
     const Camera& camera = cameras_[group.camera];
     cost += std::visit(
         [&](const auto& model) {
-          const PixelResidual residual(camera, model);
+          const PixelResidual residual(camera, model, layout_.u.data(), layout_.v.data());
           return linearize ? work_on_group<true>(group, residual, state)
                            : work_on_group<false>(group, residual, state);
         },
@@ -240,12 +251,11 @@ double BundleAdjuster::Workspace::evaluate_block(const Residual& residual, int b
   double cost = 0;
   for (int k = 0; k < kBundleLanes; ++k) {
     const Eigen::Vector3d x(block.x[0][k], block.x[1][k], block.x[2][k]);
-    const Eigen::Vector2d observed(layout_.u[begin + k], layout_.v[begin + k]);
     Eigen::Vector2d r;
     Eigen::Matrix<double, 2, 3> jacobian;
     double squared = INFINITY;
     if (active_[begin + k]) {
-      if (residual(x, observed, &r, kJacobian ? &jacobian : nullptr)) squared = r.squaredNorm();
+      if (residual(x, begin + k, &r, kJacobian ? &jacobian : nullptr)) squared = r.squaredNorm();
       if (!std::isfinite(squared)) lost_.push_back(begin + k);
     }
     if (!std::isfinite(squared)) {
@@ -289,9 +299,9 @@ BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleO
     return summary;
   }
   if (workspace_->load(problem, options)) {
-    const LmSummary lm = levenberg_marquardt(
-        *workspace_,
-        LmOptions{options.max_iterations, options.min_relative_decrease, options.initial_damping});
+    const LmSummary lm =
+        levenberg_marquardt(*workspace_, LmOptions{options.max_iterations, options.min_relative_decrease,
+                                                   options.initial_damping, &options.progress});
     workspace_->store(problem);
     summary.initial_cost = lm.initial_cost;
     summary.final_cost = lm.final_cost;
@@ -305,34 +315,38 @@ BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleO
 }
 
 BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, const BundleOptions& options,
-                                               double inlier_threshold_px) {
+                                               double inlier_threshold) {
   const Clock::time_point start = Clock::now();
   const BundleSummary first = adjust(problem, options);
   if (first.termination == Termination::kInvalidProblem) return first;
-  update_inliers(problem, inlier_threshold_px);
+  update_inliers(problem, inlier_threshold);
   BundleSummary summary = adjust(problem, options);
-  update_inliers(problem, inlier_threshold_px);
+  update_inliers(problem, inlier_threshold);
   summary.initial_cost = first.initial_cost;
   summary.iterations += first.iterations;
   summary.solve_ms = milliseconds_since(start);
   return summary;
 }
 
-int update_inliers(const BundleProblem& problem, double inlier_threshold_px) {
+int update_inliers(const BundleProblem& problem, double inlier_threshold) {
   int inliers = 0;
   int camera_index = -1;  // of cam_from_rig
   Rigid3 cam_from_rig;
   for (size_t i = 0; i < problem.observations.size() && i < problem.is_inlier.size(); ++i) {
     const BundleObservation& o = problem.observations[i];
-    const Camera& camera = problem.cameras[o.camera];
-    if (o.camera != camera_index) {
+    const Eigen::Vector3d x_in_rig = problem.rig_from_world[o.pose] * problem.points[o.point];
+    Eigen::Vector2d residual;
+    bool fits;
+    if (!problem.rays.empty()) {
+      fits = problem.rays[i].residual(x_in_rig, &residual);
+    } else {
+      const Camera& camera = problem.cameras[o.camera];
+      if (o.camera != camera_index) cam_from_rig = camera.rig_from_cam.inverse();
       camera_index = o.camera;
-      cam_from_rig = camera.rig_from_cam.inverse();
+      fits = camera.project(cam_from_rig * x_in_rig, &residual);
+      residual -= o.pixel;
     }
-    Eigen::Vector2d pixel;
-    const bool fits =
-        camera.project(cam_from_rig * (problem.rig_from_world[o.pose] * problem.points[o.point]), &pixel) &&
-        (pixel - o.pixel).squaredNorm() <= inlier_threshold_px * inlier_threshold_px;
+    fits = fits && residual.squaredNorm() <= inlier_threshold * inlier_threshold;
     problem.is_inlier[i] = fits;
     inliers += fits;
   }

@@ -6,10 +6,10 @@
 
 namespace raysfm {
 
-// Bundle adjustment of rig poses and points under the reprojection error: Levenberg-Marquardt on the normal
-// equations with the points eliminated (LBA09 appendix A; optim/schur_system.h draws them). Keep one adjuster
-// and give it one window after another: its memory only grows, and a window no larger than an earlier one
-// allocates nothing.
+// Bundle adjustment of rig poses and points under the pixel or the angular error: Levenberg-Marquardt on the
+// normal equations with the points eliminated (LBA09 appendix A; optim/schur_system.h draws them). Keep one
+// adjuster and give it one window after another: its memory only grows, and a window no larger than an
+// earlier one allocates nothing.
 //
 // Nothing needs to be fixed: the damping takes care of the seven free directions of the gauge.
 //
@@ -34,16 +34,17 @@ class BundleAdjuster {
   // be empty. The summary spans both: the initial cost of the first, the final cost of the second, the sum of
   // the iterations and times, the drops of the second.
   BundleSummary adjust_two_stage(const BundleProblem& problem, const BundleOptions& options,
-                                 double inlier_threshold_px);
+                                 double inlier_threshold);
 
  private:
   class Workspace;
   std::unique_ptr<Workspace> workspace_;
 };
 
-// Sets is_inlier of every observation to whether its residual is at most the threshold, whatever it was
-// before: observations that fit again come back. Those that do not project are outliers. Returns the number
+// Sets is_inlier of every observation to whether its residual is at most the threshold (in the unit of the
+// residual), whatever it was before: observations that fit again come back. Those that have no residual are
+// outliers. Returns the number
 // of inliers.
-int update_inliers(const BundleProblem& problem, double inlier_threshold_px);
+int update_inliers(const BundleProblem& problem, double inlier_threshold);
 
 }  // namespace raysfm

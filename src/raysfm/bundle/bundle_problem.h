@@ -5,6 +5,7 @@
 #include <span>
 
 #include "raysfm/camera/camera.h"
+#include "raysfm/camera/observed_ray.h"
 #include "raysfm/geometry/pose.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/robust_loss.h"
@@ -19,9 +20,26 @@ struct BundleObservation {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // pixels
 };
 
+// Lens of one image in the form of Bundle Adjustment in the Large (Agarwal et al. 2010): the camera looks
+// along -z; with p = -(x, y) / z the pixel is f (1 + k1 |p|^2 + k2 |p|^4) p, counted from the principal
+// point, x to the right, y up. A point with z >= 0 is behind the camera.
+struct BalLens {
+  double f = 1;  // pixels
+  double k1 = 0, k2 = 0;
+};
+
 // A bundle adjustment over flat arrays owned by the caller (LBA09 2.5, IFBA01 2). Poses and points are
 // refined in place. Observations may come in any order, and a pose may see a point more than once (a rig).
 // Poses that are not free are observed but stay where they are.
+//
+// The error of an observation is
+//   pixel     where `rays` and `lenses` are empty: predicted minus observed pixel of the named camera;
+//   angular   where `rays` is not empty: that of LBA09 3.2, rays[i] is the ray of observations[i] in the
+//             rig's frame. Neither the pixel nor the camera is looked at. Its unit is that of
+//             ObservedRay::tangents: tangents of angles, or pixels when whitened;
+//   lens      where `lenses` is not empty: predicted minus observed pixel of the pose's own lens, which is
+//             refined with the pose: nine unknowns for each free pose. The camera is not looked at; `rays`
+//             must be empty.
 struct BundleProblem {
   std::span<const Camera> cameras;
   std::span<Rigid3> rig_from_world;
@@ -29,24 +47,28 @@ struct BundleProblem {
   std::span<Eigen::Vector3d> points;        // world
   std::span<const uint8_t> point_is_fixed;  // one per point; empty: none fixed
   std::span<const BundleObservation> observations;
-  std::span<uint8_t> is_inlier;  // one per observation, 0: not used; empty: all used
+  std::span<uint8_t> is_inlier;            // one per observation, 0: not used; empty: all used
+  std::span<const ObservedRay> rays = {};  // one per observation, or empty
+  std::span<BalLens> lenses = {};          // one per pose, or empty
 };
 
 struct BundleOptions {
-  RobustLoss loss = {};     // of the residual in pixels
+  RobustLoss loss = {};     // of the residual, in its unit
   int max_iterations = 10;  // of each run, at least 1
   double min_relative_decrease = 1e-6;
   double initial_damping = 1e-4;
+  int threads = 1;                 // at least 1; the result does not depend on it
+  ProgressCallback progress = {};  // called after every linear solve; false: stop with what is reached
 };
 
-// Costs are half the sum of rho(|residual|^2), pixels squared, over the observations in use.
+// Costs are half the sum of rho(|residual|^2), in the residual's unit squared, over the observations in use.
 struct BundleSummary {
   double initial_cost = 0;
   double final_cost = 0;
   int iterations = 0;
   Termination termination = Termination::kNothingToDo;
   int used_observations = 0;     // in the final cost
-  int dropped_observations = 0;  // inliers whose point does not project, at the start or later
+  int dropped_observations = 0;  // inliers without a residual (behind the camera), at the start or later
   double solve_ms = 0;
 };
 

@@ -37,19 +37,22 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
   const size_t observations = problem.observations.size();
   const auto fits = [](size_t flags, size_t size) { return flags == 0 || flags == size; };
   if (!fits(problem.pose_is_free.size(), poses) || !fits(problem.point_is_fixed.size(), points) ||
-      !fits(problem.is_inlier.size(), observations)) {
+      !fits(problem.is_inlier.size(), observations) || !fits(problem.rays.size(), observations) ||
+      !fits(problem.lenses.size(), poses) || (!problem.rays.empty() && !problem.lenses.empty())) {
     return false;
   }
   if (poses > kMostObservations || points > kMostObservations || observations > kMostObservations)
     return false;
   const bool needs_scale = options.loss.kind != RobustLoss::Kind::kNone;
   if (needs_scale && !(options.loss.scale > 0 && std::isfinite(options.loss.scale))) return false;
+  if (options.threads < 1) return false;
   if (options.max_iterations < 1 || !(options.min_relative_decrease >= 0) || !(options.initial_damping > 0)) {
     return false;
   }
+  const bool needs_camera = problem.rays.empty() && problem.lenses.empty();
   for (const BundleObservation& o : problem.observations) {
     if (!in_range(o.pose, poses) || !in_range(o.point, points) ||
-        !in_range(o.camera, problem.cameras.size())) {
+        (needs_camera && !in_range(o.camera, problem.cameras.size()))) {
       return false;
     }
   }
@@ -67,7 +70,7 @@ void ObservationLayout::sort_inliers(const BundleProblem& problem) {
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     if (problem.is_inlier.empty() || problem.is_inlier[i]) order_.push_back(static_cast<int>(i));
   }
-  if (problem.cameras.size() > 1) {
+  if (problem.cameras.size() > 1 && problem.rays.empty() && problem.lenses.empty()) {
     const auto camera = [&](int i) { return problem.observations[i].camera; };
     counting_sort(order_, problem.cameras.size(), camera, counts_, sorted_);
     order_.swap(sorted_);
@@ -79,6 +82,7 @@ void ObservationLayout::sort_inliers(const BundleProblem& problem) {
 void ObservationLayout::fill_lanes(const BundleProblem& problem) {
   groups.clear(), lanes.clear(), u.clear(), v.clear(), poses.clear(), points.clear();
   system_point_.assign(problem.points.size(), -1);
+  const bool one_camera = !problem.rays.empty() || !problem.lenses.empty();  // cameras are not looked at
   const auto pad = [&] {
     while (lanes.size() % kBundleLanes != 0) {
       lanes.push_back({-1, lanes.back().point, -1, -1});
@@ -88,7 +92,7 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
   };
   for (int i : sorted_) {
     const BundleObservation& o = problem.observations[i];
-    if (groups.empty() || groups.back().pose != o.pose || groups.back().camera != o.camera) {
+    if (groups.empty() || groups.back().pose != o.pose || (!one_camera && groups.back().camera != o.camera)) {
       pad();
       int system_pose = -1;
       if (is_free(problem, o.pose)) {

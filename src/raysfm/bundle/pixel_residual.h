@@ -7,11 +7,13 @@
 namespace raysfm {
 
 // Predicted minus observed pixel of a point in the rig's frame, and its derivative by that point. This is all
-// that the adjustment knows about cameras: another error needs another class with the same call.
+// that the adjustment knows about cameras: another error needs another class with the same call. `u` and `v`
+// are the observed pixels by lane.
 template <typename Model>
 class PixelResidual {
  public:
-  PixelResidual(const Camera& camera, const Model& model) : model_(model) {
+  PixelResidual(const Camera& camera, const Model& model, const double* u, const double* v)
+      : model_(model), u_(u), v_(v) {
     const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
     rotation_ = cam_from_rig.rotation.toRotationMatrix();
     translation_ = cam_from_rig.translation;
@@ -19,13 +21,13 @@ class PixelResidual {
   }
 
   // False, leaving the outputs unspecified, where the point does not project.
-  bool operator()(const Eigen::Vector3d& x_in_rig, const Eigen::Vector2d& observed, Eigen::Vector2d* residual,
+  bool operator()(const Eigen::Vector3d& x_in_rig, int lane, Eigen::Vector2d* residual,
                   Eigen::Matrix<double, 2, 3>* jacobian) const {
     if constexpr (ProjectiveModel<Model>) {
       const Eigen::Vector3d x_in_cam = is_rig_ ? x_in_rig : rotation_ * x_in_rig + translation_;
       Eigen::Vector2d pixel;
       if (!model_.project(x_in_cam, &pixel, jacobian)) return false;
-      *residual = pixel - observed;
+      *residual = pixel - Eigen::Vector2d(u_[lane], v_[lane]);
       if (jacobian && !is_rig_) *jacobian = (*jacobian * rotation_).eval();
       return true;
     } else {
@@ -35,6 +37,8 @@ class PixelResidual {
 
  private:
   const Model& model_;
+  const double* u_;
+  const double* v_;
   Eigen::Matrix3d rotation_;
   Eigen::Vector3d translation_;
   bool is_rig_;  // camera and rig share their frame

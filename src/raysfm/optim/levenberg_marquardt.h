@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <string_view>
 
 namespace raysfm {
@@ -14,6 +15,7 @@ enum class Termination : uint8_t {
   kNoProgress,      // no damping gives a step that lowers the cost
   kNothingToDo,     // nothing free, or no usable observation
   kInvalidProblem,  // sizes or indices that contradict each other; nothing was changed
+  kInterrupted,     // the progress callback asked to stop; the steps accepted until then are kept
 };
 
 constexpr std::string_view to_string(Termination termination) {
@@ -28,14 +30,28 @@ constexpr std::string_view to_string(Termination termination) {
       return "nothing to do";
     case Termination::kInvalidProblem:
       return "invalid problem";
+    case Termination::kInterrupted:
+      return "interrupted";
   }
   return "unknown";
 }
+
+// State after a linear solve and the trial of its step.
+struct IterationInfo {
+  int iteration = 0;   // from 1
+  double cost = 0;     // of the best state so far
+  double damping = 0;  // lambda of this solve
+  bool accepted = false;
+};
+
+// Returns whether to go on.
+using ProgressCallback = std::function<bool(const IterationInfo&)>;
 
 struct LmOptions {
   int max_iterations = 10;              // linear solves, whether or not their step is accepted
   double min_relative_decrease = 1e-6;  // stop when an accepted step lowers the cost by less than this share
   double initial_damping = 1e-4;        // lambda, relative to the diagonal of the normal equations
+  const ProgressCallback* progress = nullptr;  // null or empty: none
 };
 
 struct LmSummary {
@@ -79,6 +95,9 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
   }
   summary.termination = Termination::kMaxIterations;
   double damping = options.initial_damping, growth = kFirstGrowth;
+  const auto go_on = [&](const IterationInfo& info) {
+    return !options.progress || !*options.progress || (*options.progress)(info);
+  };
   bool stale = false;  // the normal equations are not those of the current state
   while (summary.iterations < options.max_iterations) {
     if (stale) problem.linearize();
@@ -93,8 +112,14 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
     stale = accepted ? !ahead : ahead && step.valid;
     if (accepted) {
       problem.accept();
-      const double decrease = trial.before - trial.after;
       summary.final_cost = cost = trial.after;
+    }
+    if (!go_on({summary.iterations, cost, damping, accepted})) {
+      summary.termination = Termination::kInterrupted;
+      break;
+    }
+    if (accepted) {
+      const double decrease = trial.before - trial.after;
       if (first_try && decrease <= options.min_relative_decrease * trial.before) {
         summary.termination = Termination::kConverged;
         break;

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdint>
+
+#include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/bundle/local_bundle.h"
+
+namespace raysfm {
+
+// Three ways to adjust a whole problem. Poses are taken to be in the order of the sequence.
+enum class BundleMethod : uint8_t {
+  kGlobal,        // everything at once
+  kHierarchical,  // halves of halves first, merged by similarities, then everything at once (LBA09 2.6, [9])
+  kLocal,         // the windows of LBA09 2.5 one after the other; never everything at once
+};
+
+struct HierarchyOptions {
+  int piece = 20;   // poses; a sequence no longer than this is not divided; at least 2 * overlap
+  int overlap = 3;  // poses that two halves share; at least 1
+};
+
+struct BundleMethodOptions {
+  BundleOptions bundle = {};        // of every single adjustment
+  HierarchyOptions hierarchy = {};  // kHierarchical
+  LocalBundleOptions local = {};    // kLocal
+};
+
+// The costs of the summaries are those of the whole problem before and after; iterations, times and drops of
+// all adjustments are added up, except that the drops are those of the last one where everything takes part.
+// When options.progress stops an adjustment, the method ends there with Termination::kInterrupted.
+BundleSummary adjust_globally(const BundleProblem& problem, const BundleOptions& options);
+BundleSummary adjust_hierarchically(const BundleProblem& problem, const BundleOptions& options,
+                                    const HierarchyOptions& hierarchy = {});
+BundleSummary adjust_locally(const BundleProblem& problem, const BundleOptions& options,
+                             const LocalBundleOptions& windows = {});
+BundleSummary adjust(const BundleProblem& problem, BundleMethod method, const BundleMethodOptions& options);
+
+}  // namespace raysfm
