@@ -38,6 +38,10 @@ bool Camera::project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel
       model);
 }
 
+bool Camera::can_project() const {
+  return std::visit([](const auto& m) { return ProjectiveModel<std::decay_t<decltype(m)>>; }, model);
+}
+
 double Camera::pixels_per_radian() const {
   // The centre of the image may see nothing (a mirror's camera sees itself there): take the pixel of a coarse
   // grid that is nearest to it.

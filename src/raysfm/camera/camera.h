@@ -42,6 +42,9 @@ struct Camera {
   bool project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
                Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
 
+  // Whether the model projects: whether project() can ever be true. Where it cannot, PixelFinder searches.
+  bool can_project() const;
+
   bool contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;
   }
