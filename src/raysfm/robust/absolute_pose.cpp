@@ -7,7 +7,7 @@
 #include <numeric>
 
 #include "raysfm/robust/ransac.h"
-#include "raysfm/solvers/p3p.h"
+#include "raysfm/solvers/generalised_p3p.h"
 
 namespace raysfm {
 
@@ -17,18 +17,22 @@ using Eigen::Vector3d;
 
 namespace {
 
-// Observations that have a ray, grouped by camera, as the loops of RANSAC want them.
+// Observations as rays in the rig's frame, as the loops of RANSAC want them.
 struct RayTable {
-  struct Group {
-    int begin, end, camera;
-  };
-  std::vector<Group> groups;      // without the cameras that see nothing
   std::vector<int> observations;  // index into the input
-  std::vector<Vector3d> points, bearings;
+  std::vector<Ray> rays;
+  std::vector<Vector3d> points;
   std::vector<double> weights;  // (pixels per radian / error of an inlier)^2 at the pixel
 
   int size() const { return static_cast<int>(points.size()); }
-  void clear() { groups.clear(), observations.clear(), points.clear(), bearings.clear(), weights.clear(); }
+  void clear() { observations.clear(), rays.clear(), points.clear(), weights.clear(); }
+  void add(int observation, const Ray& ray, const Vector3d& point, double weight) {
+    if (!point.allFinite() || !ray.origin.allFinite() || !ray.direction.allFinite()) return;
+    observations.push_back(observation);
+    rays.push_back(ray);
+    points.push_back(point);
+    weights.push_back(weight);
+  }
 };
 
 // Mean square over the directions of d pixel / d angle at a bearing; the whole camera's where the
@@ -40,71 +44,80 @@ double squared_pixels_per_radian(const Camera& camera, const Vector3d& bearing, 
   return 0.5 * jacobian.squaredNorm();
 }
 
-void fill(const Rig& rig, const PoseObservations& observations, double max_error_px, RayTable* table) {
-  table->clear();
+void fill_from_pixels(const Rig& rig, const PoseObservations& observations, double max_error_px,
+                      RayTable* table) {
   for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
     const Camera& camera = rig.cameras[c];
     const double scale = camera.pixels_per_radian();
-    const int begin = table->size();
     for (int i = 0; i < observations.size(); ++i) {
       Ray ray;
       if (observations.camera(i) != c || !camera.ray(observations.pixels[i], &ray)) continue;
-      if (!observations.points_in_world[i].allFinite()) continue;
       const double squared = squared_pixels_per_radian(camera, ray.direction, scale * scale);
-      table->observations.push_back(i);
-      table->points.push_back(observations.points_in_world[i]);
-      table->bearings.push_back(ray.direction);
-      table->weights.push_back(squared / (max_error_px * max_error_px));
+      const Ray in_rig{camera.rig_from_cam * ray.origin, camera.rig_from_cam.rotation * ray.direction};
+      table->add(i, in_rig, observations.points_in_world[i], squared / (max_error_px * max_error_px));
     }
-    if (table->size() > begin) table->groups.push_back({begin, table->size(), c});
   }
 }
 
-// Poses from three points seen by one camera, scored over the whole rig by the angle weighted to pixels.
+void fill(const Rig& rig, const PoseObservations& observations, double max_error_px, RayTable* table) {
+  table->clear();
+  if (observations.rays.empty()) return fill_from_pixels(rig, observations, max_error_px, table);
+  for (int i = 0; i < observations.size(); ++i) {
+    const ObservedRay& ray = observations.rays[i];
+    const double squared = 0.5 * ray.tangents.squaredNorm();
+    table->add(i, {ray.origin, ray.direction}, observations.points_in_world[i],
+               squared / (max_error_px * max_error_px));
+  }
+}
+
+// Hypotheses are scored over the whole rig by the angle weighted to pixels. A sample is three rays of any
+// cameras, solved for, or the paper's five, adjusted from the last pose.
+template <int kRays>
 class PoseRansac {
  public:
   using Model = Rigid3;  // rig_from_world
-  static constexpr int kSampleSize = 3;
-  static constexpr int kMaxModels = 4;
+  static constexpr int kSampleSize = kRays;
+  static constexpr int kMaxModels = kRays == 3 ? kMaxGeneralisedP3pPoses : 1;
 
-  PoseRansac(const Rig& rig, const RayTable& table, const PoseResiduals& residuals, std::vector<int>* scratch)
-      : rig_(rig), table_(table), residuals_(residuals), scratch_(scratch) {}
+  // `prior` is used by samples of five.
+  PoseRansac(const RayTable& table, const PoseResiduals& residuals, const Rigid3& prior,
+             std::vector<int>* scratch)
+      : table_(table), residuals_(residuals), prior_(prior), scratch_(scratch) {}
 
   int size() const { return table_.size(); }
 
-  bool sample(Rng& rng, std::array<int, 3>* sample) const {
-    const int first = static_cast<int>(rng.index(static_cast<uint32_t>(size())));
-    const RayTable::Group& group = group_of(first);
-    if (group.end - group.begin < 3) return false;
-    draw_sample(rng, group.end - group.begin, sample);
-    for (int& i : *sample) i += group.begin;
+  bool sample(Rng& rng, std::array<int, kRays>* sample) const {
+    draw_sample(rng, size(), sample);
     return true;
   }
 
-  int generate(const std::array<int, 3>& sample, std::array<Rigid3, 4>* rig_from_world) const {
-    std::array<Vector3d, 3> bearings, points;
-    for (int i = 0; i < 3; ++i)
-      bearings[i] = table_.bearings[sample[i]], points[i] = table_.points[sample[i]];
-    const int count = p3p(bearings, points, rig_from_world);
-    const Rigid3& rig_from_cam = rig_.cameras[group_of(sample[0]).camera].rig_from_cam;
-    for (int i = 0; i < count; ++i) (*rig_from_world)[i] = rig_from_cam * (*rig_from_world)[i];
-    return count;
+  int generate(const std::array<int, kRays>& sample, std::array<Rigid3, kMaxModels>* rig_from_world) const {
+    if constexpr (kRays == 3) {
+      std::array<Ray, 3> rays;
+      std::array<Vector3d, 3> points;
+      for (int i = 0; i < 3; ++i) rays[i] = table_.rays[sample[i]], points[i] = table_.points[sample[i]];
+      return generalised_p3p(rays, points, rig_from_world);
+    } else {
+      constexpr int kIterations = 20;
+      std::array<int, kRays> active;
+      for (int i = 0; i < kRays; ++i) active[i] = table_.observations[sample[i]];
+      (*rig_from_world)[0] = prior_;
+      minimise_pose(residuals_, active, {}, kIterations, &(*rig_from_world)[0]);
+      return 1;
+    }
   }
 
   RansacScore score(const Rigid3& rig_from_world, double limit) const {
     constexpr int kBlock = 64;
+    const Matrix3d r = rig_from_world.rotation.toRotationMatrix();
     RansacScore score{.cost = 0, .inliers = 0};
-    for (const RayTable::Group& group : table_.groups) {
-      const Rigid3 cam_from_world = rig_.cameras[group.camera].rig_from_cam.inverse() * rig_from_world;
-      const Matrix3d r = cam_from_world.rotation.toRotationMatrix();
-      for (int begin = group.begin; begin < group.end; begin += kBlock) {
-        for (int i = begin; i < std::min(begin + kBlock, group.end); ++i) {
-          const double e = error(r, cam_from_world.translation, i);
-          score.inliers += e < 1;
-          score.cost += std::min(e, 1.0);
-        }
-        if (score.cost > limit) return {};
+    for (int begin = 0; begin < size(); begin += kBlock) {
+      for (int i = begin; i < std::min(begin + kBlock, size()); ++i) {
+        const double e = error(r, rig_from_world.translation, i);
+        score.inliers += e < 1;
+        score.cost += std::min(e, 1.0);
       }
+      if (score.cost > limit) return {};
     }
     return score;
   }
@@ -123,35 +136,41 @@ class PoseRansac {
   }
 
  private:
-  const RayTable::Group& group_of(int i) const {
-    return *std::find_if(table_.groups.begin(), table_.groups.end(),
-                         [&](const RayTable::Group& g) { return i < g.end; });
-  }
-
-  // Squared tangent of the angle between bearing and point, 1 at the limit of an inlier; 1 behind.
+  // Squared tangent of the angle between ray and point, 1 at the limit of an inlier; 1 behind.
   double error(const Matrix3d& r, const Vector3d& t, int i) const {
-    const Vector3d x = r * table_.points[i] + t;
-    const double along = table_.bearings[i].dot(x);
+    const Vector3d x = r * table_.points[i] + (t - table_.rays[i].origin);
+    const double along = table_.rays[i].direction.dot(x);
     const double across2 = x.squaredNorm() - along * along;
     return along > 0 ? table_.weights[i] * across2 / (along * along) : 1.0;
   }
 
   void collect_inliers(const Rigid3& rig_from_world, std::vector<int>* inliers) const {
+    const Matrix3d r = rig_from_world.rotation.toRotationMatrix();
     inliers->clear();
-    for (const RayTable::Group& group : table_.groups) {
-      const Rigid3 cam_from_world = rig_.cameras[group.camera].rig_from_cam.inverse() * rig_from_world;
-      const Matrix3d r = cam_from_world.rotation.toRotationMatrix();
-      for (int i = group.begin; i < group.end; ++i) {
-        if (error(r, cam_from_world.translation, i) < 1) inliers->push_back(table_.observations[i]);
-      }
+    for (int i = 0; i < size(); ++i) {
+      if (error(r, rig_from_world.translation, i) < 1) inliers->push_back(table_.observations[i]);
     }
   }
 
-  const Rig& rig_;
   const RayTable& table_;
   const PoseResiduals& residuals_;
+  Rigid3 prior_;
   std::vector<int>* scratch_;
 };
+
+template <int kRays>
+RansacReport search(const RayTable& table, const PoseResiduals& residuals, const Rigid3* prior,
+                    const PoseOptions& options, std::vector<int>* scratch, Rigid3* rig_from_world) {
+  PoseRansac<kRays> problem(table, residuals, prior ? *prior : Rigid3{}, scratch);
+  const RansacScore start =
+      prior ? problem.score(*prior, std::numeric_limits<double>::infinity()) : RansacScore{};
+  return ransac(problem,
+                {.max_iterations = options.max_iterations,
+                 .confidence = options.confidence,
+                 .seed = options.seed,
+                 .stream = options.stream},
+                rig_from_world, start);
+}
 
 // Marks the observations within max_error_px; true when a mark changed.
 bool mark_inliers(const PoseResiduals& residuals, double max_error_px, PoseEstimate* result) {
@@ -239,15 +258,9 @@ void PoseEstimator::estimate(const Rig& rig, const PoseObservations& observation
     RayTable& rays = workspace_->rays;
     fill(rig, observations, options.max_error_px, &rays);
     if (rays.size() < std::max(4, options.min_inliers)) return;
-    PoseRansac problem(rig, rays, residuals, &workspace_->active);
-    const RansacScore start =
-        prior ? problem.score(*prior, std::numeric_limits<double>::infinity()) : RansacScore{};
-    const RansacReport report = ransac(problem,
-                                       {.max_iterations = options.max_iterations,
-                                        .confidence = options.confidence,
-                                        .seed = options.seed,
-                                        .stream = options.stream},
-                                       &result->rig_from_world, start);
+    const auto method = options.method == PoseMethod::kThreeRays ? search<3> : search<5>;
+    const RansacReport report =
+        method(rays, residuals, prior, options, &workspace_->active, &result->rig_from_world);
     result->iterations = report.iterations;
     result->problem = PoseProblem::kTooFewInliers;
     if (!report.found()) return;

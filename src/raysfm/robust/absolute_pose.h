@@ -16,8 +16,14 @@ namespace raysfm {
 // Squared radius of the 90 % confidence ellipsoid of a position: x^T C^-1 x <= 6.25 (LBA09 2.3).
 inline constexpr double kEllipsoid90 = 6.25;
 
+enum class PoseMethod {
+  kThreeRays,  // minimal samples of three rays (generalised_p3p.h)
+  kFiveRays,   // LBA09 4.5: five rays, adjusted from the prior
+};
+
 struct PoseOptions {
-  double max_error_px = 3.0;  // > 0: reprojection error of an inlier
+  PoseMethod method = PoseMethod::kThreeRays;
+  double max_error_px = 3.0;  // > 0: residual of an inlier
   int min_inliers = 12;       // >= 4: fewer is a failure
   int max_iterations = 1000;  // samples
   double confidence = 0.999;  // in (0, 1)
@@ -64,14 +70,16 @@ class PoseEstimator {
   PoseEstimator(PoseEstimator&&) noexcept;
   PoseEstimator& operator=(PoseEstimator&&) noexcept;
 
-  // Robust pose (LBA09 2.3): RANSAC over three-point samples on the angular error weighted to pixels, then
-  // refine(). `prior` may be null; it is the first hypothesis and never trusted beyond its score.
-  // Observations whose pixel has no ray are never inliers.
+  // Robust pose (LBA09 2.3 and 4.5): RANSAC over samples of three rays of any cameras of the rig on the
+  // angular error weighted to pixels, then refine(). `prior` may be null; it is the first hypothesis and
+  // never trusted beyond its score. Observations whose pixel has no ray are never inliers. With
+  // observations.rays the rig is not looked at.
   void estimate(const Rig& rig, const PoseObservations& observations, const Rigid3* prior,
                 const PoseOptions& options, PoseEstimate* result);
 
-  // Levenberg-Marquardt over the six parameters on the pixel residuals of the observations marked in
-  // result->inlier, from result->rig_from_world; updates the inliers on the way, then covariance and sigma.
+  // Levenberg-Marquardt over the six parameters on the residuals (of pixels, or of rays where given) of the
+  // observations marked in result->inlier, from result->rig_from_world; updates the inliers on the way, then
+  // covariance and sigma.
   void refine(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
               PoseEstimate* result);
 
