@@ -8,9 +8,9 @@
 namespace raysfm {
 
 // Writes cameras.bin, images.bin and points3D.bin, a sparse model that COLMAP 3.8 opens, into `folder`, which
-// is created where it is missing. Each camera of each key frame is one image. Pinhole becomes PINHOLE, radtan
-// OPENCV or, where k3 is not zero, FULL_OPENCV, rational FULL_OPENCV; the origin of pixels moves to the
-// corner of the image (+0.5).
+// is created where it is missing. Each camera of each key frame is one image. colmap_camera() says what each
+// camera model becomes; where a camera has no counterpart in COLMAP, nothing is written. The origin of pixels
+// moves to the corner of the image (+0.5).
 //
 // Segments do not share a world, so that the model holds the first segment with most key frames only. The
 // names of images are those of PosedFrame::image_name, behind "<camera>/" where the rig has several cameras.
