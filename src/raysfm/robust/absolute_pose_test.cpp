@@ -7,6 +7,7 @@
 #include <opencv2/calib3d.hpp>
 #include <tuple>
 
+#include "raysfm/camera/observed_ray.h"
 #include "raysfm/core/random.h"
 
 namespace raysfm {
@@ -48,8 +49,21 @@ struct Scene {
   std::vector<Vector3d> points;
   std::vector<Vector2d> pixels;
   std::vector<int> cameras;
+  std::vector<ObservedRay> rays = {};
 
-  PoseObservations observations() const { return {points, pixels, cameras}; }
+  PoseObservations observations() const { return {points, pixels, cameras, rays}; }
+
+  // Leaves the rays alone to be known of the observations: a camera that cannot project. Where `offsets` is
+  // not empty, no two rays share an origin.
+  void keep_rays_alone(const std::vector<Vector3d>& offsets = {}) {
+    rays.resize(points.size());
+    for (size_t i = 0; i < points.size(); ++i) {
+      if (!observe_ray(rig.cameras[cameras[i]], pixels[i], AngularWeight::kPixel, &rays[i])) {
+        rays[i].direction.setConstant(std::numeric_limits<double>::quiet_NaN());
+      }
+      if (!offsets.empty()) rays[i].origin += offsets[i];
+    }
+  }
 };
 
 // Points 3 to 20 units before the cameras in turn, `noise` pixels on each coordinate, the first
@@ -99,15 +113,50 @@ TEST(PoseResiduals, JacobianIsTheDerivative) {
   }
 }
 
-class PoseOfRig : public testing::TestWithParam<std::tuple<bool, double>> {};
+// Moves the rays of a scene, and the points with them, apart.
+std::vector<Vector3d> make_non_central(Scene* scene, Rng& rng) {
+  std::vector<Vector3d> offsets;
+  const Rigid3 world_from_rig = scene->rig_from_world.inverse();
+  for (Vector3d& point : scene->points) {
+    offsets.push_back(0.2 * normal_vector(rng));
+    point += world_from_rig.rotation * offsets.back();
+  }
+  return offsets;
+}
+
+TEST(PoseResiduals, OfRaysAreThoseOfPixelsForASmallError) {
+  Rng rng(11);
+  Scene scene = make_scene(three_cameras(), 30, 0.05, 0, rng);
+  const PoseObservations pixels = scene.observations();
+  const PoseResiduals pixel_residuals(scene.rig, pixels);
+  Scene seen = scene;
+  seen.keep_rays_alone();
+  const PoseObservations rays{seen.points, {}, {}, seen.rays};
+  const Rig no_rig;
+  const PoseResiduals ray_residuals(no_rig, rays);
+  for (int i = 0; i < 30; ++i) {
+    Vector2d by_pixel, by_ray;
+    PoseResiduals::Jacobian jacobian, ray_jacobian;
+    ASSERT_TRUE(pixel_residuals.evaluate(scene.rig_from_world, i, &by_pixel, &jacobian));
+    ASSERT_TRUE(ray_residuals.evaluate(scene.rig_from_world, i, &by_ray, &ray_jacobian));
+    EXPECT_LT((by_pixel - by_ray).norm(), 1e-3);
+    EXPECT_LT((jacobian - ray_jacobian).norm(), 2e-3 * jacobian.norm());
+  }
+}
+
+enum class Sight { kOneCamera, kThreeCameras, kRaysOfThree, kNonCentral };
+
+class PoseOfRig : public testing::TestWithParam<std::tuple<Sight, double>> {};
 
 TEST_P(PoseOfRig, IsFoundAmongOutliers) {
-  const auto [several, outliers] = GetParam();
+  const auto [sight, outliers] = GetParam();
   PoseEstimator estimator;
   PoseEstimate estimate;
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, 2);
-    const Scene scene = make_scene(several ? three_cameras() : mono(), 300, 0.5, outliers, rng);
+    Scene scene = make_scene(sight == Sight::kOneCamera ? mono() : three_cameras(), 300, 0.5, outliers, rng);
+    if (sight == Sight::kRaysOfThree) scene.keep_rays_alone();
+    if (sight == Sight::kNonCentral) scene.keep_rays_alone(make_non_central(&scene, rng));
     PoseOptions options;
     options.seed = seed;
     estimator.estimate(scene.rig, scene.observations(), nullptr, options, &estimate);
@@ -127,7 +176,29 @@ TEST_P(PoseOfRig, IsFoundAmongOutliers) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Outliers, PoseOfRig,
-                         testing::Combine(testing::Bool(), testing::Values(0.0, 0.3, 0.7)));
+                         testing::Combine(testing::Values(Sight::kOneCamera, Sight::kThreeCameras,
+                                                          Sight::kRaysOfThree, Sight::kNonCentral),
+                                          testing::Values(0.0, 0.3, 0.7)));
+
+// LBA09 4.5: five rays adjusted from the pose of the frame before.
+TEST(AbsolutePose, FiveRaysFromTheLastPose) {
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  for (uint64_t seed = 0; seed < 10; ++seed) {
+    Rng rng(seed, 12);
+    Scene scene = make_scene(three_cameras(), 200, 0.5, 0.3, rng);
+    scene.keep_rays_alone(make_non_central(&scene, rng));
+    const Rigid3 last{exp_so3(0.05 * normal_vector(rng)) * scene.rig_from_world.rotation,
+                      scene.rig_from_world.translation + 0.2 * normal_vector(rng)};
+    PoseOptions options;
+    options.method = PoseMethod::kFiveRays;
+    options.seed = seed;
+    estimator.estimate(scene.rig, scene.observations(), &last, options, &estimate);
+    ASSERT_TRUE(estimate.ok());
+    EXPECT_LT(rotation_error(estimate.rig_from_world, scene.rig_from_world), 2e-3);
+    EXPECT_LT(position_error(estimate.rig_from_world, scene.rig_from_world), 0.03);
+  }
+}
 
 TEST(AbsolutePose, ExactDataGiveTheExactPose) {
   Rng rng(3);
@@ -205,12 +276,13 @@ TEST(AbsolutePose, AgreesWithOpenCv) {
 
 // Part of the trials whose true position lies inside the 90 % ellipsoid, and whose true pose lies inside the
 // 90 % ellipsoid of six dimensions (chi-square 10.645).
-std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss) {
+std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool rays) {
   constexpr int kTrials = 2000, kPoints = 150;
   constexpr double kNoise = 0.8, kEllipsoid90Of6 = 10.645;
   Rng rng(7);
   Scene scene = make_scene(rig, kPoints, 0, 0, rng);
   const std::vector<Vector2d> exact = scene.pixels;
+  const std::vector<Vector3d> offsets = rays ? make_non_central(&scene, rng) : std::vector<Vector3d>();
   PoseOptions options;
   options.loss = loss;
   options.max_error_px = 100;
@@ -220,6 +292,7 @@ std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss) {
   for (int trial = 0; trial < kTrials; ++trial) {
     for (int i = 0; i < kPoints; ++i)
       scene.pixels[i] = exact[i] + kNoise * Vector2d(rng.normal(), rng.normal());
+    if (rays) scene.keep_rays_alone(offsets);
     estimator.estimate(scene.rig, scene.observations(), &scene.rig_from_world, options, &estimate);
     EXPECT_TRUE(estimate.ok());
     const Matrix6d world = covariance_in_world(estimate.rig_from_world, estimate.covariance);
@@ -240,10 +313,18 @@ TEST(AbsolutePose, CovarianceCoversTheTruthInNinetyPercent) {
     for (const RobustLoss& loss :
          {RobustLoss{}, RobustLoss{RobustLoss::Kind::kHuber, 1.0}, RobustLoss{RobustLoss::Kind::kCauchy, 2.0},
           RobustLoss{RobustLoss::Kind::kTukey, 4.0}}) {
-      const auto [position, pose] = covered(rig, loss);
+      const auto [position, pose] = covered(rig, loss, false);
       EXPECT_NEAR(position, 0.9, 0.02) << static_cast<int>(loss.kind);
       EXPECT_NEAR(pose, 0.9, 0.02) << static_cast<int>(loss.kind);
     }
+  }
+}
+
+TEST(AbsolutePose, CovarianceFromRaysCoversTheTruthInNinetyPercent) {
+  for (const RobustLoss& loss : {RobustLoss{}, RobustLoss{RobustLoss::Kind::kHuber, 1.0}}) {
+    const auto [position, pose] = covered(three_cameras(), loss, true);
+    EXPECT_NEAR(position, 0.9, 0.02);
+    EXPECT_NEAR(pose, 0.9, 0.02);
   }
 }
 
@@ -287,6 +368,10 @@ TEST(AbsolutePose, NotANumberIsAnOutlier) {
   ASSERT_TRUE(estimate.ok());
   EXPECT_EQ(estimate.inlier_count, 60);
   EXPECT_LT(position_error(estimate.rig_from_world, scene.rig_from_world), 0.03);
+  scene.keep_rays_alone();
+  estimator.estimate({}, scene.observations(), nullptr, {}, &estimate);
+  ASSERT_TRUE(estimate.ok());
+  EXPECT_EQ(estimate.inlier_count, 60);
 }
 
 }  // namespace
