@@ -6,15 +6,24 @@
 #include <variant>
 #include <vector>
 
+#include "raysfm/camera/double_sphere.h"
+#include "raysfm/camera/equirectangular.h"
+#include "raysfm/camera/eucm.h"
+#include "raysfm/camera/kannala_brandt.h"
+#include "raysfm/camera/mirror.h"
+#include "raysfm/camera/ocam.h"
 #include "raysfm/camera/pinhole.h"
 #include "raysfm/camera/radtan.h"
 #include "raysfm/camera/rational.h"
+#include "raysfm/camera/ray_table.h"
+#include "raysfm/camera/unified.h"
 #include "raysfm/geometry/pose.h"
 #include "raysfm/geometry/ray.h"
 
 namespace raysfm {
 
-using CameraModel = std::variant<Pinhole, Radtan, Rational>;
+using CameraModel = std::variant<Pinhole, Radtan, Rational, KannalaBrandt, Unified, DoubleSphere, Eucm, OCam,
+                                 Equirectangular, Mirror, CentralRayTable, NonCentralRayTable>;
 
 // Rectangle of pixels of a stream that a camera's image is; empty (w = 0) stands for the whole image. A
 // camera with a roi has width = w and height = h, and its pixels are counted from the corner (x, y).

@@ -27,7 +27,7 @@ void for_each_model(Visit visit) {
   for_each_model(visit, std::make_index_sequence<std::variant_size_v<CameraModel>>{});
 }
 
-template <typename Model>
+template <ParametricModel Model>
 Model read_intrinsics(const ConfigField& field) {
   field.allow_only({Model::kParameterNames.begin(), Model::kParameterNames.end()});
   auto numbers = Model{}.parameters();
@@ -47,7 +47,7 @@ CameraModel read_model(const ConfigField& camera) {
     using Model = decltype(candidate);
     if (known || Model::kName != name) return;
     known = true;
-    model = read_intrinsics<Model>(camera.at("intrinsics"));
+    if constexpr (ParametricModel<Model>) model = read_intrinsics<Model>(camera.at("intrinsics"));
     check_intrinsics(model, camera.at("intrinsics"));
   });
   if (!known) camera.at("model").report(supported_models());
@@ -121,9 +121,11 @@ std::string format_camera(const Camera& camera) {
   std::string intrinsics;
   std::visit(
       [&](const auto& model) {
-        const auto numbers = model.parameters();
-        for (size_t i = 0; i < numbers.size(); ++i) {
-          intrinsics += fmt::format("{}{}: {}", i ? ", " : "", model.kParameterNames[i], numbers[i]);
+        if constexpr (ParametricModel<std::decay_t<decltype(model)>>) {
+          const auto numbers = model.parameters();
+          for (size_t i = 0; i < numbers.size(); ++i) {
+            intrinsics += fmt::format("{}{}: {}", i ? ", " : "", model.kParameterNames[i], numbers[i]);
+          }
         }
       },
       camera.model);
@@ -185,16 +187,18 @@ void check_intrinsics(const CameraModel& model, const ConfigField& field) {
   constexpr double kLargest = 1e6;
   std::visit(
       [&](const auto& m) {
-        const auto numbers = m.parameters();
-        for (size_t i = 0; i < numbers.size(); ++i) {
-          const std::string_view name = m.kParameterNames[i];
-          const bool focal = name.starts_with('f');
-          const bool centre = name.starts_with('c');
-          const bool allowed = std::isfinite(numbers[i]) && (!focal || numbers[i] > 0) &&
-                               (!(focal || centre) || std::abs(numbers[i]) <= kLargest);
-          if (allowed) continue;
-          field.problem().report(fmt::format("{}.{}", field.name(), name), fmt::format("{}", numbers[i]),
-                                 focal ? "above 0, at most 1e6" : "between -1e6 and 1e6");
+        if constexpr (ParametricModel<std::decay_t<decltype(m)>>) {
+          const auto numbers = m.parameters();
+          for (size_t i = 0; i < numbers.size(); ++i) {
+            const std::string_view name = m.kParameterNames[i];
+            const bool focal = name.starts_with('f');
+            const bool centre = name.starts_with('c');
+            const bool allowed = std::isfinite(numbers[i]) && (!focal || numbers[i] > 0) &&
+                                 (!(focal || centre) || std::abs(numbers[i]) <= kLargest);
+            if (allowed) continue;
+            field.problem().report(fmt::format("{}.{}", field.name(), name), fmt::format("{}", numbers[i]),
+                                   focal ? "above 0, at most 1e6" : "between -1e6 and 1e6");
+          }
         }
       },
       model);

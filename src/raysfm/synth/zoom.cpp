@@ -23,11 +23,15 @@ std::optional<Lens> lens_of(const Camera& camera) {
   return std::visit(
       [](const auto& model) -> std::optional<Lens> {
         using Model = std::decay_t<decltype(model)>;
-        auto values = model.parameters();
-        const double *fx = find<Model>("fx", values), *fy = find<Model>("fy", values),
-                     *cx = find<Model>("cx", values), *cy = find<Model>("cy", values);
-        if (!fx || !fy || !cx || !cy) return std::nullopt;
-        return Lens{*fx, *fy, *cx, *cy};
+        if constexpr (!ParametricModel<Model>) {
+          return std::nullopt;
+        } else {
+          auto values = model.parameters();
+          const double *fx = find<Model>("fx", values), *fy = find<Model>("fy", values),
+                       *cx = find<Model>("cx", values), *cy = find<Model>("cy", values);
+          if (!fx || !fy || !cx || !cy) return std::nullopt;
+          return Lens{*fx, *fy, *cx, *cy};
+        }
       },
       camera.model);
 }
@@ -36,10 +40,16 @@ Camera with_focal_lengths(Camera camera, double new_fx, double new_fy) {
   camera.model = std::visit(
       [&](const auto& model) -> CameraModel {
         using Model = std::decay_t<decltype(model)>;
-        auto values = model.parameters();
-        *find<Model>("fx", values) = new_fx;
-        *find<Model>("fy", values) = new_fy;
-        return Model::from_parameters(values);
+        if constexpr (!ParametricModel<Model>) {
+          return model;
+        } else {
+          auto values = model.parameters();
+          double *fx = find<Model>("fx", values), *fy = find<Model>("fy", values);
+          if (!fx || !fy) return model;
+          *fx = new_fx;
+          *fy = new_fy;
+          return Model::from_parameters(values);
+        }
       },
       camera.model);
   return camera;
