@@ -1,8 +1,6 @@
 #include "raysfm/robust/three_view_start.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -10,9 +8,9 @@
 
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/robust/ransac.h"
+#include "raysfm/robust/rotation_ransac.h"
 #include "raysfm/robust/three_view_refinement.h"
-#include "raysfm/solvers/five_point.h"
-#include "raysfm/solvers/p3p.h"
+#include "raysfm/robust/three_view_sample.h"
 
 namespace raysfm {
 
@@ -36,68 +34,6 @@ void thin_out(size_t most, std::vector<int>* indices) {
   for (size_t i = 0; i < indices->size(); i += stride) (*indices)[kept++] = (*indices)[i];
   indices->resize(kept);
 }
-
-// Rotation between two views from two matches.
-class RotationRansac {
- public:
-  using Model = Matrix3d;  // cam2_from_cam0
-  static constexpr int kSampleSize = 2;
-  static constexpr int kMaxModels = 1;
-
-  RotationRansac(std::span<const Vector3d> bearings0, std::span<const Vector3d> bearings2, double max_error)
-      : bearings0_(bearings0), bearings2_(bearings2), max_error2_(max_error * max_error) {}
-
-  int size() const { return static_cast<int>(bearings0_.size()); }
-  bool sample(Rng& rng, std::array<int, 2>* sample) const {
-    draw_sample(rng, size(), sample);
-    return true;
-  }
-  // Sum and difference of two unit vectors are orthogonal: aligning them is the best rotation of the two.
-  int generate(const std::array<int, 2>& sample, std::array<Matrix3d, 1>* models) const {
-    std::array<Matrix3d, 2> frames;
-    for (int v = 0; v < 2; ++v) {
-      const std::span<const Vector3d> bearings = v == 0 ? bearings0_ : bearings2_;
-      const Vector3d sum = bearings[sample[0]] + bearings[sample[1]];
-      const Vector3d difference = bearings[sample[0]] - bearings[sample[1]];
-      if (!(sum.squaredNorm() > 1e-12 && difference.squaredNorm() > 1e-12)) return 0;
-      frames[v].col(0) = sum.normalized();
-      frames[v].col(1) = difference.normalized();
-      frames[v].col(2) = frames[v].col(0).cross(frames[v].col(1));
-    }
-    (*models)[0] = frames[1] * frames[0].transpose();
-    return 1;
-  }
-  RansacScore score(const Matrix3d& rotation, double limit) const {
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int i = 0; i < size() && score.cost <= limit; ++i) {
-      const double e = (rotation * bearings0_[i] - bearings2_[i]).squaredNorm() / max_error2_;
-      score.inliers += e < 1;
-      score.cost += std::min(e, 1.0);
-    }
-    return score;
-  }
-  void refine(Matrix3d* rotation) const {
-    Matrix3d sum = Matrix3d::Zero();
-    for (int i = 0; i < size(); ++i) {
-      if ((*rotation * bearings0_[i] - bearings2_[i]).squaredNorm() >= max_error2_) continue;
-      sum += bearings2_[i] * bearings0_[i].transpose();
-    }
-    kabsch(sum, rotation);
-  }
-
- private:
-  // The rotation nearest to the sum of the products b2 b0^T (Wahba's problem).
-  static void kabsch(const Matrix3d& sum, Matrix3d* rotation) {
-    const Eigen::JacobiSVD<Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    if (!(svd.singularValues()[1] > 1e-12)) return;
-    Vector3d signs(1, 1, 1);
-    signs[2] = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-    *rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
-  }
-
-  std::span<const Vector3d> bearings0_, bearings2_;
-  double max_error2_;
-};
 
 // Motion over three views from five matches.
 class MotionRansac {
@@ -164,42 +100,12 @@ class MotionRansac {
   ThreeViewRefiner refiner_;
 };
 
-// The P3P solution from the first three points that fits all five.
-bool resect(const std::array<Vector3d, 5>& bearings, const std::array<Vector3d, 5>& points, Rigid3* pose) {
-  std::array<Rigid3, 4> poses;
-  const int count = p3p(std::span(bearings).first<3>(), std::span(points).first<3>(), &poses);
-  double best = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < count; ++k) {
-    double error = 0;
-    for (int i = 3; i < 5; ++i) error += ((poses[k] * points[i]).normalized() - bearings[i]).squaredNorm();
-    if (error < best) best = error, *pose = poses[k];
-  }
-  return count > 0;
-}
-
 int MotionRansac::generate(const std::array<int, 5>& sample, std::array<ThreeViewMotion, 10>* motions) const {
-  std::array<std::array<Vector3d, 5>, 3> b;
+  FiveBearings b;
   for (int v = 0; v < 3; ++v) {
     for (int i = 0; i < 5; ++i) b[v][i] = bearings_.views[v][sample[i]];
   }
-  std::array<Matrix3d, 10> essentials;
-  const int count = five_point(b[0], b[2], &essentials);
-  int found = 0;
-  for (int k = 0; k < count; ++k) {
-    ThreeViewMotion& motion = (*motions)[found];
-    if (choose_pose(essentials[k], b[0], b[2], &motion.cam2_from_cam0) < 5) continue;
-    const Rigid3 cam0_from_cam2 = motion.cam2_from_cam0.inverse();
-    std::array<Vector3d, 5> points;
-    bool triangulated = true;
-    for (int i = 0; i < 5; ++i) {
-      triangulated =
-          triangulated &&
-          triangulate_midpoint({Vector3d::Zero(), b[0][i]},
-                               {cam0_from_cam2.translation, cam0_from_cam2.rotation * b[2][i]}, &points[i]);
-    }
-    if (triangulated && resect(b[1], points, &motion.cam1_from_cam0)) ++found;
-  }
-  return found;
+  return five_point_motions(b, motions);
 }
 
 RansacScore MotionRansac::score(const ThreeViewMotion& motion, double limit) const {
