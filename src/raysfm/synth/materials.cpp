@@ -31,13 +31,14 @@ float period_of(Pattern pattern) {
   }
 }
 
-MaterialLibrary::MaterialLibrary(ThreadPool& pool) : pool_(pool), noise_(make_noise_texture(7, pool)) {}
+MaterialLibrary::MaterialLibrary(ThreadPool& pool)
+    : pool_(pool), store_(std::make_shared<TexelStore>()), noise_(make_noise_texture(7, pool, store_)) {}
 
 int MaterialLibrary::find(Pattern pattern, int variant) {
   const auto [entry, is_new] = numbers_.try_emplace({pattern, variant}, static_cast<int>(textures_.size()));
   if (is_new) {
     const auto [side, paint] = painter(pattern, variant, noise_);
-    textures_.emplace_back(side, paint, pool_);
+    textures_.emplace_back(side, paint, pool_, store_);
   }
   return entry->second;
 }

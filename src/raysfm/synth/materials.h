@@ -45,9 +45,12 @@ class MaterialLibrary {
   int find(Pattern pattern, int variant);
   const Texture& texture(int number) const { return textures_[number]; }
   const Texture& noise() const { return noise_; }
+  // The texels of all of them, the noise first.
+  const TexelStore& texels() const { return *store_; }
 
  private:
   ThreadPool& pool_;
+  std::shared_ptr<TexelStore> store_;
   Texture noise_;
   std::deque<Texture> textures_;
   std::map<std::pair<Pattern, int>, int> numbers_;

@@ -28,13 +28,13 @@ float fractal_noise(float u, float v, int first, int octaves, float gain, uint32
   return 0.5f + 0.8f * sum / std::sqrt(power);
 }
 
-Texture make_noise_texture(uint32_t seed, ThreadPool& pool) {
+Texture make_noise_texture(uint32_t seed, ThreadPool& pool, std::shared_ptr<TexelStore> store) {
   const auto paint = [seed](float u, float v) {
     return Colour(255.f * fractal_noise(u, v, 4, 7, 0.72f, seed),
                   255.f * fractal_noise(u, v, 8, 6, 0.80f, seed + 101),
                   255.f * fractal_noise(u, v, 16, 5, 0.85f, seed + 202));
   };
-  return Texture(512, paint, pool);
+  return Texture(512, paint, pool, std::move(store));
 }
 
 }  // namespace raysfm::synth

@@ -45,6 +45,6 @@ float fractal_noise(float u, float v, int first, int octaves, float gain, uint32
 
 // Three independent fractal noises, one per channel: the common ground of all patterns and the weathering
 // laid over every surface.
-Texture make_noise_texture(uint32_t seed, ThreadPool& pool);
+Texture make_noise_texture(uint32_t seed, ThreadPool& pool, std::shared_ptr<TexelStore> store);
 
 }  // namespace raysfm::synth

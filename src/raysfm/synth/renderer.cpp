@@ -1,8 +1,10 @@
 #include "raysfm/synth/renderer.h"
 
 #include <algorithm>
-#include <cassert>
+#include <array>
+#include <atomic>
 #include <cmath>
+#include <numbers>
 
 #include "raysfm/core/random.h"
 #include "raysfm/synth/shade.h"
@@ -34,6 +36,53 @@ std::vector<float> tent_weights(int per_pixel) {
   return weights;
 }
 
+// Gaussian noise for one row of pixels. It takes 4096 values of equal probability, so that one random number
+// gives four of them.
+class NoiseRow {
+ public:
+  NoiseRow(double deviation, uint64_t seed, uint64_t stream)
+      : deviation_(static_cast<float>(deviation)), random_(seed, stream) {}
+
+  float next() {
+    if (deviation_ == 0.f) return 0.f;
+    if (left_ == 0) bits_ = random_.next(), left_ = 4;
+    const size_t value = bits_ & (kValues - 1);
+    --left_;
+    bits_ >>= 16;
+    return deviation_ * values()[value];
+  }
+
+ private:
+  static constexpr int kValues = 4096;
+
+  // Quantiles of the normal distribution in the middle of each class, scaled to a standard deviation of one.
+  static const std::array<float, kValues>& values() {
+    static const std::array<float, kValues> table = [] {
+      std::array<double, kValues> x;
+      double power = 0;
+      for (int i = 0; i < kValues; ++i) {
+        const double p = (i + 0.5) / kValues;
+        double low = -5, high = 5;
+        for (int k = 0; k < 50; ++k) {
+          const double middle = 0.5 * (low + high);
+          (0.5 * std::erfc(-middle / std::numbers::sqrt2) < p ? low : high) = middle;
+        }
+        x[static_cast<size_t>(i)] = low;
+        power += low * low / kValues;
+      }
+      std::array<float, kValues> scaled;
+      for (size_t i = 0; i < kValues; ++i) scaled[i] = static_cast<float>(x[i] / std::sqrt(power));
+      return scaled;
+    }();
+    return table;
+  }
+
+  float deviation_;
+  Rng random_;
+  uint64_t bits_ = 0;
+  int left_ = 0;
+};
+
 }  // namespace
 
 bool fits_in_memory(const Camera& camera, int samples) {
@@ -46,29 +95,51 @@ RayGrid::RayGrid(const Camera& camera, int samples, ThreadPool& pool)
       width(camera.width * per_pixel + 2 * margin),
       height(camera.height * per_pixel + 2 * margin),
       stride((width + kRayPack - 1) / kRayPack * kRayPack) {
-  const size_t total = static_cast<size_t>(stride) * static_cast<size_t>(height);
+  compute_rays(camera, pool);
+  pool.parallel_for(height, [&](int y) { compute_spread(y); });
+}
+
+void RayGrid::compute_rays(const Camera& camera, ThreadPool& pool) {
+  const size_t total = static_cast<size_t>(stride) * static_cast<size_t>(height) + kRayPack;
   for (std::vector<float>* v : {&sx, &sy, &sz, &dx, &dy, &dz, &spread}) v->resize(total);
+  start = camera.rig_from_cam.translation.cast<float>();
   const Eigen::Matrix3d rotation = camera.rig_from_cam.rotation.toRotationMatrix();
+  std::atomic<bool> central = true;
   pool.parallel_for(height, [&](int y) {
-    float usual = 0.f;
-    Eigen::Vector3f last = Eigen::Vector3f::Zero();
     for (int x = 0; x < width; ++x) {
       const Eigen::Vector2d pixel((x - margin + 0.5) / per_pixel - 0.5, (y - margin + 0.5) / per_pixel - 0.5);
       const size_t i = static_cast<size_t>(y) * stride + x;
       Ray ray;
-      if (!camera.ray(pixel, &ray)) {
-        last.setZero();
-        continue;
-      }
+      if (!camera.ray(pixel, &ray)) continue;
+      if (!ray.origin.isZero(0)) central = false;
       const Eigen::Vector3f s = (camera.rig_from_cam * ray.origin).cast<float>();
       const Eigen::Vector3f d = (rotation * ray.direction).cast<float>();
-      if (!last.isZero()) usual = (d - last).norm();
-      last = d;
       sx[i] = s.x(), sy[i] = s.y(), sz[i] = s.z();
       dx[i] = d.x(), dy[i] = d.y(), dz[i] = d.z();
-      spread[i] = usual;
     }
   });
+  if (!central) return;
+  for (std::vector<float>* v : {&sx, &sy, &sz}) *v = {};
+}
+
+// The nearer of two opposite neighbours counts: the farther one may lie beyond a seam of the image. The
+// larger of row and column counts: near the pole of an equirectangular image the rays of a row are one.
+void RayGrid::compute_spread(int y) {
+  constexpr float kNone = 10.f;
+  const auto distance = [&](size_t i, size_t k) {
+    if (!sees(k)) return kNone;
+    return Eigen::Vector3f(dx[i] - dx[k], dy[i] - dy[k], dz[i] - dz[k]).norm();
+  };
+  for (int x = 0; x < width; ++x) {
+    const size_t i = static_cast<size_t>(y) * stride + x, row = static_cast<size_t>(stride);
+    if (!sees(i)) continue;
+    const float left = x > 0 ? distance(i, i - 1) : kNone;
+    const float right = x + 1 < width ? distance(i, i + 1) : kNone;
+    const float up = y > 0 ? distance(i, i - row) : kNone;
+    const float down = y + 1 < height ? distance(i, i + row) : kNone;
+    const float along_row = std::min(left, right), along_column = std::min(up, down);
+    spread[i] = std::max(along_row == kNone ? 0.f : along_row, along_column == kNone ? 0.f : along_column);
+  }
 }
 
 Renderer::Renderer(const World& world, const Camera& camera, const RenderOptions& options, ThreadPool& pool)
@@ -84,10 +155,9 @@ Renderer::Renderer(const World& world, const Camera& camera, const RenderOptions
 
 Image<uint8_t> Renderer::render(const Motion& world_from_rig, double time, int frame, int camera_number) {
   const int instants = options_.shutter > 0 ? std::max(options_.shutter_samples, 1) : 1;
-  std::fill(light_.begin(), light_.end(), 0.f);
   for (int i = 0; i < instants; ++i) {
     const double at = time + options_.shutter * ((i + 0.5) / instants - 0.5);
-    expose(world_from_rig(at), at, 1.f / static_cast<float>(instants));
+    expose(world_from_rig, at, i == 0, 1.f / static_cast<float>(instants));
   }
   Image<uint8_t> image(3 * width_, height_);
   const uint64_t stream = ((static_cast<uint64_t>(camera_number) << 32) + static_cast<uint64_t>(frame)) << 20;
@@ -96,60 +166,98 @@ Image<uint8_t> Renderer::render(const Motion& world_from_rig, double time, int f
   return image;
 }
 
-void Renderer::expose(const Rigid3& world_from_rig, double time, float weight) {
-  const Scene scene(world_, time, world_from_rig.translation);
-  const Eigen::Matrix3f rotation = world_from_rig.rotation.toRotationMatrix().cast<float>();
-  pool_.parallel_for(grid_.height, [&](int row) { expose_row(scene, rotation, row, weight); });
+void Renderer::expose(const Motion& world_from_rig, double time, bool first, float weight) {
+  const Rigid3 middle = world_from_rig(time);
+  const Scene scene(world_, time, middle.translation);
+  pool_.parallel_for(grid_.height, [&](int row) {
+    Rigid3 pose = middle;
+    if (options_.readout > 0) {
+      pose = world_from_rig(time + options_.readout * ((row + 0.5) / grid_.height - 0.5));
+    }
+    pose.translation -= middle.translation;
+    expose_row(scene, pose, row, first, weight);
+  });
 }
 
-void Renderer::expose_row(const Scene& scene, const Eigen::Matrix3f& world_from_rig, int row, float weight) {
-  const int n = grid_.stride;
-  const size_t first = static_cast<size_t>(row) * n;
+void Renderer::expose_row(const Scene& scene, const Rigid3& scene_from_rig, int row, bool first,
+                          float weight) {
+  constexpr int kArrays = 10;  // start, direction, colour and distance
+  const int n = grid_.stride, room = n + kRayPack;
+  const size_t begin = static_cast<size_t>(row) * n;
   thread_local std::vector<float> memory;
   thread_local std::vector<int32_t> surface;
-  memory.resize(7 * static_cast<size_t>(n));
-  surface.resize(static_cast<size_t>(n));
-  float* out[7];
-  for (int k = 0; k < 7; ++k) out[k] = memory.data() + static_cast<size_t>(k) * n;
-  const float* in[6] = {&grid_.sx[first], &grid_.sy[first], &grid_.sz[first],
-                        &grid_.dx[first], &grid_.dy[first], &grid_.dz[first]};
-  for (int k = 0; k < 6; ++k) {
-    const float a = world_from_rig(k % 3, 0), b = world_from_rig(k % 3, 1), c = world_from_rig(k % 3, 2);
-    const float *x = in[k / 3 * 3], *y = in[k / 3 * 3 + 1], *z = in[k / 3 * 3 + 2];
-    for (int i = 0; i < n; ++i) out[k][i] = a * x[i] + b * y[i] + c * z[i];
-  }
-  float* distance = out[6];
-  scene.trace({n, out[0], out[1], out[2], out[3], out[4], out[5]}, distance, surface.data());
+  memory.resize(static_cast<size_t>(kArrays) * room);
+  surface.resize(static_cast<size_t>(room));
+  float* out[kArrays];
+  for (int k = 0; k < kArrays; ++k) out[k] = memory.data() + static_cast<size_t>(k) * room;
 
-  float* light = light_.data() + 3 * first;
-  for (int i = 0; i < grid_.width; ++i) {
-    const Eigen::Vector3f direction(out[3][i], out[4][i], out[5][i]);
-    if (direction.isZero()) continue;  // outside the valid set of the camera: stays black
-    const Sight sight{
-        {out[0][i], out[1][i], out[2][i]}, direction, distance[i], surface[i], grid_.spread[first + i]};
-    const Colour colour = shade(world_, scene, sight);
-    for (int c = 0; c < 3; ++c) light[3 * i + c] += weight * colour[c];
+  const Eigen::Matrix3f rotation = scene_from_rig.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f shift = scene_from_rig.translation.cast<float>();
+  const auto turn = [&](const std::vector<float>& xs, const std::vector<float>& ys,
+                        const std::vector<float>& zs, const Eigen::Vector3f& add, float** to) {
+    const float *x = &xs[begin], *y = &ys[begin], *z = &zs[begin];
+    for (int k = 0; k < 3; ++k) {
+      const float a = rotation(k, 0), b = rotation(k, 1), c = rotation(k, 2), e = add[k];
+      for (int i = 0; i < n; ++i) to[k][i] = a * x[i] + b * y[i] + c * z[i] + e;
+    }
+  };
+  if (grid_.sx.empty()) {
+    const Eigen::Vector3f start = rotation * grid_.start + shift;
+    for (int k = 0; k < 3; ++k) std::fill_n(out[k], n, start[k]);
+  } else {
+    turn(grid_.sx, grid_.sy, grid_.sz, shift, out);
+  }
+  turn(grid_.dx, grid_.dy, grid_.dz, Eigen::Vector3f::Zero(), out + 3);
+  const RayRow rays{n, out[0], out[1], out[2], out[3], out[4], out[5]};
+  scene.trace(rays, out[9], surface.data());
+  shade(world_, scene, {rays, out[9], surface.data(), &grid_.spread[begin]}, {out[6], out[7], out[8]});
+  for (int c = 0; c < 3; ++c) {
+    const float* colour = out[6 + c];
+    float* sum = light(c, row);
+    for (int i = 0; i < n; ++i) sum[i] = weight * colour[i] + (first ? 0.f : sum[i]);
   }
 }
 
 void Renderer::develop_row(int y, uint64_t stream, uint8_t* bgr) const {
-  const int taps = static_cast<int>(tent_.size()), n = 3 * grid_.width;
-  thread_local std::vector<float> column;
-  column.assign(static_cast<size_t>(n), 0.f);
-  for (int k = 0; k < taps; ++k) {
-    const float* row = light_.data() + 3 * static_cast<size_t>(y * grid_.per_pixel + k) * grid_.stride;
-    for (int i = 0; i < n; ++i) column[static_cast<size_t>(i)] += tent_[static_cast<size_t>(k)] * row[i];
+  const int taps = static_cast<int>(tent_.size()), n = grid_.stride;
+  thread_local std::vector<float> columns;
+  columns.assign(3 * static_cast<size_t>(n), 0.f);
+  for (int c = 0; c < 3; ++c) {
+    float* column = columns.data() + static_cast<size_t>(c) * n;
+    for (int k = 0; k < taps; ++k) {
+      const size_t plane = static_cast<size_t>(c) * grid_.height;
+      const float* row = light_.data() + (plane + static_cast<size_t>(y * grid_.per_pixel + k)) * n;
+      const float weight = tent_[static_cast<size_t>(k)];
+      for (int i = 0; i < n; ++i) column[i] += weight * row[i];
+    }
   }
-  Rng rng(options_.seed, stream);
+  NoiseRow noise(options_.noise, options_.seed, stream);
   for (int x = 0; x < width_; ++x) {
-    Colour sum = Colour::Zero();
-    const float* from = column.data() + 3 * static_cast<size_t>(x) * grid_.per_pixel;
-    for (int k = 0; k < taps; ++k)
-      sum += tent_[static_cast<size_t>(k)] * Eigen::Map<const Colour>(from + 3 * k);
-    if (options_.noise > 0) sum += static_cast<float>(options_.noise * rng.normal());
-    sum = (sum + 0.5f).max(0.f).min(255.f);
-    for (int c = 0; c < 3; ++c) bgr[3 * x + c] = static_cast<uint8_t>(sum[2 - c]);
+    const float grain = noise.next();
+    for (int c = 0; c < 3; ++c) {
+      const float* from =
+          columns.data() + static_cast<size_t>(c) * n + static_cast<size_t>(x) * grid_.per_pixel;
+      float sum = grain + 0.5f;
+      for (int k = 0; k < taps; ++k) sum += tent_[static_cast<size_t>(k)] * from[k];
+      bgr[3 * x + 2 - c] = static_cast<uint8_t>(std::min(std::max(sum, 0.f), 255.f));
+    }
   }
+}
+
+GrayImage Renderer::mask() const {
+  const int taps = static_cast<int>(tent_.size());
+  GrayImage mask(width_, height_);
+  pool_.parallel_for(height_, [&](int y) {
+    for (int x = 0; x < width_; ++x) {
+      bool all = true;
+      for (int k = 0; k < taps * taps && all; ++k) {
+        const int row = y * grid_.per_pixel + k / taps, column = x * grid_.per_pixel + k % taps;
+        all = grid_.sees(static_cast<size_t>(row) * grid_.stride + column);
+      }
+      mask.row(y)[x] = all ? 255 : 0;
+    }
+  });
+  return mask;
 }
 
 GrayImage to_gray(ImageView<const uint8_t> bgr) {

@@ -17,7 +17,9 @@ struct RenderOptions {
   double noise = 1.5;  // standard deviation of Gaussian noise, grey levels; the same in all three channels
   double shutter = 0;  // seconds that it stays open, centred on the frame's time; 0: no motion blur
   int shutter_samples = 8;  // instants averaged while it is open
-  uint64_t seed = 0;        // of the noise
+  double readout = 0;  // seconds from the first row of the image to the last, the frame's time in the middle;
+                       // 0: all rows at once. People stand still meanwhile
+  uint64_t seed = 0;   // of the noise
 };
 
 // Rays through a regular grid of points of the image, computed once per camera: `per_pixel` points along each
@@ -26,10 +28,17 @@ struct RayGrid {
   int per_pixel = 0, margin = 0;
   int width = 0, height = 0;  // points
   int stride = 0;  // points per row in memory, a multiple of kRayPack; behind `width` rays are zero
-  std::vector<float> sx, sy, sz, dx, dy, dz;
-  std::vector<float> spread;  // radians between this ray and its neighbour
+  std::vector<float> dx, dy, dz;  // zero where the camera sees nothing
+  std::vector<float> sx, sy, sz;  // empty where all rays start at `start`
+  Eigen::Vector3f start = Eigen::Vector3f::Zero();
+  std::vector<float> spread;  // radians to the neighbours of a ray along rows or columns, the larger
 
   RayGrid(const Camera& camera, int samples, ThreadPool& pool);
+  bool sees(size_t point) const { return dx[point] != 0 || dy[point] != 0 || dz[point] != 0; }
+
+ private:
+  void compute_rays(const Camera& camera, ThreadPool& pool);
+  void compute_spread(int y);
 };
 
 // Largest number of grid points of a camera; more is refused before anything is allocated.
@@ -50,17 +59,23 @@ class Renderer {
   // `camera_number` choose the noise. Bit-identical for any number of threads.
   Image<uint8_t> render(const Motion& world_from_rig, double time, int frame, int camera_number = 0);
 
+  // 255 where all the light of a pixel comes from rays of the camera, 0 where some of it, or all, is missing.
+  GrayImage mask() const;
+
  private:
-  void expose(const Rigid3& world_from_rig, double time, float weight);
-  void expose_row(const Scene& scene, const Eigen::Matrix3f& world_from_rig, int row, float weight);
+  void expose(const Motion& world_from_rig, double time, bool first, float weight);
+  void expose_row(const Scene& scene, const Rigid3& scene_from_rig, int row, bool first, float weight);
   void develop_row(int y, uint64_t stream, uint8_t* bgr) const;
+  float* light(int channel, int row) {
+    return light_.data() + (static_cast<size_t>(channel) * grid_.height + row) * grid_.stride;
+  }
 
   const World& world_;
   RenderOptions options_;
   ThreadPool& pool_;
   int width_, height_;
   RayGrid grid_;
-  std::vector<float> light_;  // red, green, blue of each grid point
+  std::vector<float> light_;  // of each grid point, a plane of red, one of green and one of blue
   std::vector<float> tent_;   // weights of the grid points of one pixel along one axis
 };
 

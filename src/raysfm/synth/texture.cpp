@@ -4,6 +4,7 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <utility>
 
 namespace raysfm::synth {
 
@@ -44,26 +45,26 @@ float rough_log2(float x) {
 
 }  // namespace
 
-Texture::Texture(int side, const std::function<Colour(float u, float v)>& paint, ThreadPool& pool)
-    : side_(side), levels_(std::bit_width(static_cast<unsigned>(side))) {
+Texture::Texture(int side, const std::function<Colour(float u, float v)>& paint, ThreadPool& pool,
+                 std::shared_ptr<TexelStore> store)
+    : side_(side),
+      levels_(std::bit_width(static_cast<unsigned>(side))),
+      first_(static_cast<uint32_t>(store->size())),
+      store_(std::move(store)) {
   assert(side >= 4 && side <= 4096 && std::has_single_bit(static_cast<unsigned>(side)));
-  uint32_t total = 0;
-  for (int level = 0; level < levels_; ++level) {
-    first_.push_back(total);
-    total += static_cast<uint32_t>((side >> level) * (side >> level));
-  }
-  texels_.resize(total);
+  store_->resize(first_ + offset(levels_));
+  uint32_t* texels = store_->data() + first_;
   const float step = 1.f / static_cast<float>(side);
   pool.parallel_for(side, [&](int y) {
     for (int x = 0; x < side; ++x) {
       const Colour c = paint((static_cast<float>(x) + 0.5f) * step, (static_cast<float>(y) + 0.5f) * step);
-      texels_[static_cast<size_t>(y) * side + x] = pack(c);
+      texels[static_cast<size_t>(y) * side + x] = pack(c);
     }
   });
   for (int level = 1; level < levels_; ++level) {
     const int n = side >> level;
-    const uint32_t* fine = texels_.data() + first_[level - 1];
-    uint32_t* coarse = texels_.data() + first_[level];
+    const uint32_t* fine = texels + offset(level - 1);
+    uint32_t* coarse = texels + offset(level);
     for (int y = 0; y < n; ++y) {
       for (int x = 0; x < n; ++x) {
         const uint32_t* f = fine + (4 * n * y + 2 * x);
@@ -73,12 +74,18 @@ Texture::Texture(int side, const std::function<Colour(float u, float v)>& paint,
   }
 }
 
+uint32_t Texture::offset(int level) const {
+  // The sum of side^2 / 4^i for i < level.
+  const uint32_t all = static_cast<uint32_t>(side_) * side_;
+  return level == levels_ ? (4 * all - 1) / 3 : (4 * all - 4 * (all >> (2 * level))) / 3;
+}
+
 inline uint64_t Texture::bilinear(int level, int x, int y) const {
   const int mask = (side_ >> level) - 1, shift = levels_ - 1 - level;
   x = (x >> level) - 128;  // from the centre of texel 0
   y = (y >> level) - 128;
   const int x0 = (x >> 8) & mask, x1 = (x0 + 1) & mask;
-  const uint32_t* texels = texels_.data() + first_[static_cast<size_t>(level)];
+  const uint32_t* texels = store_->data() + first_ + offset(level);
   const uint32_t* row0 = texels + (((y >> 8) & mask) << shift);
   const uint32_t* row1 = texels + ((((y >> 8) + 1) & mask) << shift);
   const uint64_t wx = x & 255, wy = y & 255;
