@@ -102,9 +102,14 @@ Result<void> read_config(const std::filesystem::path& path, const std::vector<Se
 }
 
 std::string effective_config(TrackSettings settings, const std::string& version) {
+  return effective_config(setting_fields(settings), settings.inputs, version);
+}
+
+std::string effective_config(const std::vector<SettingField>& fields, const std::vector<std::string>& inputs,
+                             const std::string& version) {
   std::string out = fmt::format("version: {}\ninput:\n", yaml_quoted(version));
-  for (const std::string& input : settings.inputs) out += fmt::format("  - {}\n", yaml_quoted(input));
-  for (const SettingField& field : setting_fields(settings)) {
+  for (const std::string& input : inputs) out += fmt::format("  - {}\n", yaml_quoted(input));
+  for (const SettingField& field : fields) {
     std::visit(
         [&](auto* value) {
           if constexpr (std::is_same_v<decltype(value), std::string*>) {

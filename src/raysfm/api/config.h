@@ -32,4 +32,8 @@ Result<void> read_config(const std::filesystem::path& path, const std::vector<Se
 // Text of config.yaml: version, inputs and every setting as it was in effect. read_config() reads it back.
 std::string effective_config(TrackSettings settings, const std::string& version);
 
+// The same for the settings of any subcommand.
+std::string effective_config(const std::vector<SettingField>& fields, const std::vector<std::string>& inputs,
+                             const std::string& version);
+
 }  // namespace raysfm
