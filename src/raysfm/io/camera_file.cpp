@@ -27,14 +27,19 @@ bool looks_like_colmap(std::string_view line) {
                      [](char c) { return (c >= 'A' && c <= 'Z') || c == '_'; });
 }
 
-// Formats that are recognised in order to say that they cannot be read.
-std::string_view unsupported_format(const ConfigField& root) {
-  if (root.at("value0").exists()) return "basalt JSON";
-  if (root.at("Camera.nrpol").exists() || root.at("CameraSystem.nrCams").exists()) return "MultiCol";
-  if (root.at("Camera.type").exists()) return "ORB-SLAM";
-  if (root.at("Camera").at("model").exists()) return "stella_vslam";
-  if (root.at("type").exists() && root.at("grid_width").exists()) return "generic model";
-  return {};
+// "1 2 CAMERA 1 ...": a line of COLMAP's rigs.txt.
+bool looks_like_colmap_rig(std::string_view line) {
+  const std::vector<std::string_view> words = split_words(line.substr(0, 200));
+  return words.size() >= 4 && parse_integer(words[0]) && parse_integer(words[1]) &&
+         (words[2] == "CAMERA" || words[2] == "IMU");
+}
+
+// OCamCalib's first line of numbers: N and N coefficients.
+bool looks_like_ocamcalib(std::string_view line) {
+  const std::vector<std::string_view> words = split_words(line.substr(0, 1000));
+  const std::optional<int64_t> count = parse_integer(words.front());
+  return words.size() >= 2 && count && *count == static_cast<int64_t>(words.size()) - 1 &&
+         std::all_of(words.begin(), words.end(), [](std::string_view word) { return parse_number(word); });
 }
 
 bool looks_like_opencv(const ConfigField& root) {
@@ -45,22 +50,34 @@ bool looks_like_opencv(const ConfigField& root) {
                      [&](std::string_view key) { return root.at(key).exists(); });
 }
 
-Rig read_document(const ConfigField& root, std::string* note) {
-  if (root.at("raysfm_camera").exists() || root.at("cameras").at("model").exists())
-    return read_camera_yaml(root);
-  if (root.at("cam0").is_map()) return import_kalibr(root);
+bool looks_like_omnimvs(const ConfigField& root) {
+  const ConfigField cameras = root.at("cameras");
+  if (!cameras.is_list() || root.at("raysfm_camera").exists()) return false;
+  const std::vector<ConfigField> list = cameras.list();
+  return !list.empty() && list.front().at("poly").exists();
+}
+
+Rig read_document(const ConfigField& root, const std::filesystem::path& path, std::string* note) {
+  if (looks_like_omnimvs(root)) return import_omnimvs(root, note);
+  if (root.at("raysfm_camera").exists()) return read_camera_yaml(root);
+  if (root.at("cam0").is_map()) return import_kalibr(root, note);
   if (root.at("T_BS").exists() || (root.at("sensor_type").exists() && root.at("intrinsics").exists())) {
-    return import_euroc(root);
+    return import_euroc(root, note);
   }
+  if (root.at("value0").exists()) return import_basalt(root, note);
+  if (root.at("CameraSystem.nrCams").exists()) return import_multicol_rig(root, path);
+  if (root.at("Camera.nrpol").exists()) return import_multicol(root);
+  if (root.at("Camera").at("model").exists() || root.at("Camera.model").exists()) {
+    return import_stella(root, note);
+  }
+  if (root.at("Camera.fx").exists() || root.at("Camera1.fx").exists() || root.at("Camera.type").exists()) {
+    return import_orbslam(root, note);
+  }
+  if (root.at("type").exists() && root.at("grid_width").exists()) return import_generic(root);
   if (looks_like_opencv(root)) return import_opencv(root, note);
-  const std::string_view format = unsupported_format(root);
-  if (!format.empty()) {
-    root.problem().report(
-        "format", std::string(format),
-        "raysfm_camera, Kalibr, EuRoC, OpenCV, KITTI, COLMAP (models: " + supported_models() + ")");
-  }
   root.problem().report("raysfm_camera", "missing",
-                        "1, or a camera file of Kalibr, EuRoC, OpenCV, KITTI or COLMAP");
+                        "1, or a camera file of Kalibr, OpenCV, COLMAP, KITTI, EuRoC, OCamCalib, MultiCol, "
+                        "basalt, stella_vslam, ORB-SLAM or of generic models");
   return {};
 }
 
@@ -81,26 +98,32 @@ void check_rig(const Rig& rig, ConfigProblem* problem) {
 }  // namespace
 
 Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path& path, std::string* note) {
-  std::string ignored;
+  std::string said;
   ConfigProblem problem(path.string());
   const std::vector<TextLine> head = content_lines(text.substr(0, 4096));
   Rig rig;
   if (head.empty()) return bad_input(path.string() + ": empty; allowed: a camera file");
-  if (looks_like_kitti(head.front().text)) {
+  const std::string_view first = head.front().text;
+  if (looks_like_kitti(first)) {
     rig = import_kitti(text, &problem);
-  } else if (looks_like_colmap(head.front().text)) {
-    rig = import_colmap(text, &problem);
+  } else if (looks_like_colmap(first)) {
+    rig = import_colmap(text, &problem, &said);
+  } else if (looks_like_colmap_rig(first)) {
+    rig = import_colmap_rig(text, path, &problem, &said);
+  } else if (looks_like_ocamcalib(first)) {
+    rig = import_ocamcalib(text, &problem);
   } else {
-    const bool xml = head.front().text.starts_with('<');
+    const bool xml = first.starts_with('<');
     const Result<ConfigNode> tree = xml ? parse_xml(text, path.string()) : parse_yaml(text, path.string());
     if (!tree) return tree.error();
-    rig = read_document(ConfigField(&*tree, "", &problem), note ? note : &ignored);
+    rig = read_document(ConfigField(&*tree, "", &problem), path, &said);
   }
   if (!problem.any()) check_rig(rig, &problem);
   if (problem.any()) return problem.error();
   for (Camera& camera : rig.cameras) {
     if (!camera.mask_path.empty()) camera.mask_path = (path.parent_path() / camera.mask_path).string();
   }
+  if (note) *note = said;
   return rig;
 }
 

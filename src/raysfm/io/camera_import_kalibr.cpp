@@ -5,34 +5,71 @@
 namespace raysfm {
 namespace {
 
-CameraModel read_model(const ConfigField& camera) {
-  const std::string model = camera.at("camera_model").text();
-  if (model != "pinhole") {
-    camera.at("camera_model").report("pinhole (supported models: " + supported_models() + ")");
+// The coefficients of a camera's distortion, `low` to `high` of them.
+std::vector<double> read_coefficients(const ConfigField& camera, size_t low, size_t high, const char* names) {
+  const ConfigField field = camera.any_of({"distortion_coeffs", "distortion_coefficients"});
+  std::vector<double> coefficients = field.numbers();
+  if (coefficients.size() < low || coefficients.size() > high) {
+    field.problem().report(field.name(), fmt::format("{} numbers", coefficients.size()), names);
+    coefficients.assign(low, 0);
   }
-  const ConfigField distortion = camera.at("distortion_model");
-  const std::string kind = distortion.exists() ? distortion.text() : "none";
-  std::vector<double> numbers = camera.at("intrinsics").numbers(4);
-  if (kind == "radtan" || kind == "radial-tangential" || kind == "plumb_bob") {
-    const ConfigField field = camera.any_of({"distortion_coeffs", "distortion_coefficients"});
-    const std::vector<double> coefficients = field.numbers();
-    if (coefficients.size() != 4 && coefficients.size() != 5)
-      field.report("4 or 5 numbers: k1, k2, p1, p2[, k3]");
-    numbers.insert(numbers.end(), coefficients.begin(), coefficients.end());
-  } else if (kind != "none") {
-    distortion.report("radtan, none (supported models: " + supported_models() + ")");
-  }
-  if (camera.problem().any()) return Pinhole{};
-  const CameraModel result = perspective_model(numbers);
-  check_intrinsics(result, camera.at("intrinsics"));
-  return result;
+  return coefficients;
 }
 
-void read_resolution(const ConfigField& field, Camera* camera) {
-  const std::vector<ConfigField> sides = field.list();
-  if (sides.size() != 2) return field.report("[width, height]");
-  camera->width = sides[0].integer(1, kMaxImageSide);
-  camera->height = sides[1].integer(1, kMaxImageSide);
+std::vector<double> joined(std::vector<double> a, const std::vector<double>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+CameraModel read_pinhole(const ConfigField& camera, const std::string& distortion, std::string* note) {
+  const std::vector<double> f = camera.at("intrinsics").numbers(4);
+  if (distortion == "none") return perspective_model(f);
+  if (distortion == "radtan" || distortion == "radial-tangential" || distortion == "plumb_bob") {
+    return perspective_model(
+        joined(f, read_coefficients(camera, 4, 5, "4 or 5 numbers: k1, k2, p1, p2[, k3]")));
+  }
+  if (distortion == "equidistant") {
+    return model_from<KannalaBrandt>(joined(f, read_coefficients(camera, 4, 4, "4 numbers: k1, k2, k3, k4")));
+  }
+  if (distortion == "fov") {
+    Camera image;
+    read_resolution(camera.at("resolution"), &image);
+    return fov_model(joined(f, read_coefficients(camera, 1, 1, "1 number: omega")), image.width, image.height,
+                     camera.any_of({"distortion_coeffs", "distortion_coefficients"}), note);
+  }
+  camera.at("distortion_model").report("radtan, equidistant, fov, none");
+  return Pinhole{};
+}
+
+CameraModel read_omni(const ConfigField& camera, const std::string& distortion) {
+  const std::vector<double> n = camera.at("intrinsics").numbers(5);
+  const std::vector<double> numbers = {n[1], n[2], n[3], n[4], n[0]};
+  if (distortion == "none") return model_from<Unified>(numbers);
+  if (distortion != "radtan") camera.at("distortion_model").report("radtan, none (with camera_model omni)");
+  if (camera.problem().any()) return Pinhole{};
+  return model_from<Unified>(joined(numbers, read_coefficients(camera, 4, 4, "4 numbers: k1, k2, p1, p2")));
+}
+
+CameraModel read_model(const ConfigField& camera, std::string* note) {
+  const std::string projection = camera.at("camera_model").text();
+  const ConfigField kind = camera.at("distortion_model");
+  const std::string distortion = kind.exists() ? kind.text() : "none";
+  CameraModel model;
+  if (projection == "pinhole") {
+    model = read_pinhole(camera, distortion, note);
+  } else if (projection == "omni") {
+    model = read_omni(camera, distortion);
+  } else if (projection == "ds" || projection == "eucm") {
+    const std::vector<double> n = camera.at("intrinsics").numbers(6);
+    const std::vector<double> numbers = {n[2], n[3], n[4], n[5], n[0], n[1]};
+    if (distortion != "none") kind.report("none (with camera_model " + projection + ")");
+    model = projection == "ds" ? CameraModel(model_from<DoubleSphere>(numbers)) : model_from<Eucm>(numbers);
+  } else {
+    camera.at("camera_model").report("pinhole, omni, ds, eucm");
+  }
+  if (camera.problem().any()) return Pinhole{};
+  check_intrinsics(model, camera.at("intrinsics"));
+  return model;
 }
 
 // Motion from the IMU to the camera where the file has it.
@@ -44,7 +81,7 @@ std::optional<Rigid3> cam_from_imu(const ConfigField& camera) {
 
 }  // namespace
 
-Rig import_kalibr(const ConfigField& root) {
+Rig import_kalibr(const ConfigField& root, std::string* note) {
   constexpr int kMaxCameras = 64;
   Rig rig;
   std::optional<Rigid3> cam0_from_imu;
@@ -55,10 +92,10 @@ Rig import_kalibr(const ConfigField& root) {
     Camera camera;
     camera.name = name;
     camera.stream = n;
-    camera.model = read_model(field);
+    camera.model = read_model(field, note);
     read_resolution(field.at("resolution"), &camera);
     const std::optional<Rigid3> camn_from_imu = cam_from_imu(field);
-    const ConfigField chain = field.at("T_cn_cnm1");
+    const ConfigField chain = field.any_of({"T_cn_cnm1", "baseline_last_to_this_cam"});
     if (n == 0) {
       cam0_from_imu = camn_from_imu;
     } else if (chain.exists()) {
@@ -73,10 +110,10 @@ Rig import_kalibr(const ConfigField& root) {
   return rig;
 }
 
-Rig import_euroc(const ConfigField& root) {
+Rig import_euroc(const ConfigField& root, std::string* note) {
   Camera camera;
   camera.name = "cam0";
-  camera.model = read_model(root);
+  camera.model = read_model(root, note);
   read_resolution(root.at("resolution"), &camera);
   if (root.at("T_BS").exists()) camera.rig_from_cam = root.at("T_BS").rigid_matrix();
   return Rig{{std::move(camera)}};

@@ -1,16 +1,17 @@
 #include "raysfm/io/camera_yaml.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <utility>
 
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/camera_file.h"
+#include "raysfm/camera/model_check.h"
 #include "raysfm/io/camera_import.h"
-#include "raysfm/io/text_file.h"
+#include "raysfm/io/camera_table.h"
 
 namespace raysfm {
 namespace {
@@ -27,31 +28,106 @@ void for_each_model(Visit visit) {
   for_each_model(visit, std::make_index_sequence<std::variant_size_v<CameraModel>>{});
 }
 
-template <ParametricModel Model>
-Model read_intrinsics(const ConfigField& field) {
-  field.allow_only({Model::kParameterNames.begin(), Model::kParameterNames.end()});
-  auto numbers = Model{}.parameters();
-  for (size_t i = 0; i < numbers.size(); ++i) {
-    const ConfigField number = field.at(Model::kParameterNames[i]);
-    if (number.exists() || i < Model::kRequired) numbers[i] = number.number();
+// A name of kParameterNames taken apart: "mirror.apex[1]" is element 1 of `apex` in the map `mirror`.
+struct ParameterPlace {
+  std::string map = "intrinsics";
+  std::string key;
+  int element = -1;  // -1: no list
+};
+
+ParameterPlace place_of(std::string_view name) {
+  ParameterPlace place;
+  if (const size_t dot = name.find('.'); dot != std::string_view::npos) {
+    place.map = name.substr(0, dot);
+    name.remove_prefix(dot + 1);
   }
-  if (field.problem().any()) return Model{};
+  if (const size_t bracket = name.find('['); bracket != std::string_view::npos) {
+    place.element = name[bracket + 1] - '0';
+    name = name.substr(0, bracket);
+  }
+  place.key = name;
+  return place;
+}
+
+using ParameterPlaces = std::vector<ParameterPlace>;
+
+template <ParametricModel Model>
+ParameterPlaces places_of() {
+  ParameterPlaces places;
+  for (std::string_view name : Model::kParameterNames) places.push_back(place_of(name));
+  return places;
+}
+
+// Reports fields that the model does not have in the maps that it has.
+void refuse_unknown_fields(const ConfigField& camera, const ParameterPlaces& places) {
+  for (const ParameterPlace& place : places) {
+    if (!camera.at(place.map).exists()) continue;
+    std::vector<std::string_view> known;
+    for (const ParameterPlace& other : places) {
+      if (other.map == place.map && (known.empty() || known.back() != other.key)) known.push_back(other.key);
+    }
+    camera.at(place.map).allow_only(known);
+  }
+}
+
+// A number that stands alone, or in a list together with the others of the same key.
+double read_number(const ConfigField& field, const ParameterPlaces& places, const ParameterPlace& place) {
+  if (place.element < 0) return field.number();
+  const auto same = [&](const ParameterPlace& other) {
+    return other.map == place.map && other.key == place.key;
+  };
+  return field.numbers(std::ranges::count_if(places, same))[place.element];
+}
+
+template <ParametricModel Model>
+Model read_parameters(const ConfigField& camera, int width, int height) {
+  auto numbers = default_model<Model>(width, height).parameters();
+  const ParameterPlaces places = places_of<Model>();
+  refuse_unknown_fields(camera, places);
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    const ConfigField field = camera.at(places[i].map).at(places[i].key);
+    if (field.exists() || i < Model::kRequired) numbers[i] = read_number(field, places, places[i]);
+  }
+  if (camera.problem().any()) return Model{};
   return Model::from_parameters(numbers);
 }
 
-CameraModel read_model(const ConfigField& camera) {
+template <typename Model>
+void read_if_named(const std::string& name, const ConfigField& camera, int width, int height,
+                   std::optional<CameraModel>* model) {
+  if (Model::kName != name || *model) return;
+  if constexpr (ParametricModel<Model>) {
+    *model = read_parameters<Model>(camera, width, height);
+  } else {
+    *model = read_table(camera.at("table"));
+  }
+}
+
+CameraModel read_model(const ConfigField& camera, int width, int height) {
   const std::string name = camera.at("model").text();
-  CameraModel model;
-  bool known = false;
-  for_each_model([&](auto candidate) {
-    using Model = decltype(candidate);
-    if (known || Model::kName != name) return;
-    known = true;
-    if constexpr (ParametricModel<Model>) model = read_intrinsics<Model>(camera.at("intrinsics"));
-    check_intrinsics(model, camera.at("intrinsics"));
-  });
-  if (!known) camera.at("model").report(supported_models());
-  return model;
+  std::optional<CameraModel> model;
+  for_each_model(
+      [&](auto candidate) { read_if_named<decltype(candidate)>(name, camera, width, height, &model); });
+  if (!model) {
+    camera.at("model").report(supported_models());
+    return Pinhole{};
+  }
+  const std::optional<ParameterProblem> problem = find_problem(*model);
+  if (problem && !camera.problem().any()) {
+    const ParameterPlace place = place_of(problem->name);
+    camera.problem().report(camera.at(place.map).at(place.key).name(), fmt::format("{}", problem->value),
+                            std::string(problem->allowed));
+  }
+  return *model;
+}
+
+// All fields that a camera with this model may have.
+std::vector<std::string_view> camera_fields(const std::string& model) {
+  std::vector<std::string_view> known = {"name",         "model",  "resolution", "intrinsics",
+                                         "rig_from_cam", "stream", "roi",        "mask"};
+  if (model == CentralRayTable::kName) std::ranges::replace(known, "intrinsics", "table");
+  if (model == Mirror::kName) known.push_back("mirror");
+  return known;
 }
 
 Rigid3 read_rig_from_cam(const ConfigField& field) {
@@ -71,10 +147,7 @@ Rigid3 read_rig_from_cam(const ConfigField& field) {
 }
 
 void read_image_part(const ConfigField& field, Camera* camera) {
-  const std::vector<ConfigField> resolution = field.at("resolution").list();
-  if (resolution.size() != 2) return field.at("resolution").report("[width, height]");
-  camera->width = resolution[0].integer(1, kMaxImageSide);
-  camera->height = resolution[1].integer(1, kMaxImageSide);
+  read_resolution(field.at("resolution"), camera);
   if (!field.at("roi").exists()) return;
   const std::vector<ConfigField> roi = field.at("roi").list();
   if (roi.size() != 4) return field.at("roi").report("[x, y, width, height]");
@@ -90,9 +163,9 @@ Camera read_camera(const ConfigField& field) {
   Camera camera;
   camera.name = field.at("name").text();
   if (camera.name.empty()) field.at("name").report("a name");
-  camera.model = read_model(field);  // first, as other models have other fields
-  field.allow_only({"name", "model", "resolution", "intrinsics", "rig_from_cam", "stream", "roi", "mask"});
   read_image_part(field, &camera);
+  camera.model = read_model(field, camera.width, camera.height);
+  field.allow_only(camera_fields(field.at("model").text()));
   camera.rig_from_cam = read_rig_from_cam(field.at("rig_from_cam"));
   if (field.at("stream").exists()) camera.stream = field.at("stream").integer(0, kMaxCameras - 1);
   if (field.at("mask").exists()) {
@@ -100,48 +173,6 @@ Camera read_camera(const ConfigField& field) {
     if (camera.mask_path.empty()) field.at("mask").report("the path of an image");
   }
   return camera;
-}
-
-// A YAML string in double quotes.
-std::string quoted(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      out += {'\\', c};
-    } else if (static_cast<unsigned char>(c) < ' ' || c == 127) {
-      out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
-    } else {
-      out += c;
-    }
-  }
-  return out + "\"";
-}
-
-std::string format_camera(const Camera& camera) {
-  std::string intrinsics;
-  std::visit(
-      [&](const auto& model) {
-        if constexpr (ParametricModel<std::decay_t<decltype(model)>>) {
-          const auto numbers = model.parameters();
-          for (size_t i = 0; i < numbers.size(); ++i) {
-            intrinsics += fmt::format("{}{}: {}", i ? ", " : "", model.kParameterNames[i], numbers[i]);
-          }
-        }
-      },
-      camera.model);
-  const Eigen::Quaterniond& q = camera.rig_from_cam.rotation;
-  const Eigen::Vector3d& t = camera.rig_from_cam.translation;
-  std::string text = fmt::format(
-      "  - name: {}\n    model: {}\n    resolution: [{}, {}]\n    intrinsics: {{{}}}\n"
-      "    rig_from_cam: {{rotation: [{}, {}, {}, {}], translation: [{}, {}, {}]}}\n    stream: {}\n",
-      quoted(camera.name), model_name(camera.model), camera.width, camera.height, intrinsics, q.x(), q.y(),
-      q.z(), q.w(), t.x(), t.y(), t.z(), camera.stream);
-  if (camera.roi.w > 0) {
-    const Roi& roi = camera.roi;
-    text += fmt::format("    roi: [{}, {}, {}, {}]\n", roi.x, roi.y, roi.w, roi.h);
-  }
-  if (!camera.mask_path.empty()) text += fmt::format("    mask: {}\n", quoted(camera.mask_path));
-  return text;
 }
 
 }  // namespace
@@ -167,51 +198,18 @@ Rig read_camera_yaml(const ConfigField& root) {
 }
 
 std::string supported_models() {
-  std::string names;
-  for_each_model([&](auto model) { names += (names.empty() ? "" : ", ") + std::string(model.kName); });
-  return names;
-}
-
-CameraModel perspective_model(const std::vector<double>& numbers) {
-  std::array<double, 12> p{};
-  std::copy_n(numbers.begin(), std::min(numbers.size(), p.size()), p.begin());
-  const auto zero_from = [&](size_t first) {
-    return std::all_of(p.begin() + first, p.end(), [](double v) { return v == 0; });
-  };
-  if (zero_from(4)) return Pinhole{p[0], p[1], p[2], p[3]};
-  if (zero_from(9)) return Radtan{p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]};
-  return Rational::from_parameters(p);
+  std::vector<std::string_view> names;
+  for_each_model([&](auto model) {
+    if (std::ranges::find(names, model.kName) == names.end()) names.push_back(model.kName);
+  });
+  return fmt::format("{}", fmt::join(names, ", "));
 }
 
 void check_intrinsics(const CameraModel& model, const ConfigField& field) {
-  constexpr double kLargest = 1e6;
-  std::visit(
-      [&](const auto& m) {
-        if constexpr (ParametricModel<std::decay_t<decltype(m)>>) {
-          const auto numbers = m.parameters();
-          for (size_t i = 0; i < numbers.size(); ++i) {
-            const std::string_view name = m.kParameterNames[i];
-            const bool focal = name.starts_with('f');
-            const bool centre = name.starts_with('c');
-            const bool allowed = std::isfinite(numbers[i]) && (!focal || numbers[i] > 0) &&
-                                 (!(focal || centre) || std::abs(numbers[i]) <= kLargest);
-            if (allowed) continue;
-            field.problem().report(fmt::format("{}.{}", field.name(), name), fmt::format("{}", numbers[i]),
-                                   focal ? "above 0, at most 1e6" : "between -1e6 and 1e6");
-          }
-        }
-      },
-      model);
-}
-
-std::string format_camera_file(const Rig& rig) {
-  std::string text = "raysfm_camera: 1\ncameras:\n";
-  for (const Camera& camera : rig.cameras) text += format_camera(camera);
-  return text;
-}
-
-Result<void> write_camera_file(const Rig& rig, const std::filesystem::path& path) {
-  return write_file(path, format_camera_file(rig));
+  if (const auto problem = find_problem(model)) {
+    field.problem().report(fmt::format("{}.{}", field.name(), problem->name),
+                           fmt::format("{}", problem->value), std::string(problem->allowed));
+  }
 }
 
 }  // namespace raysfm

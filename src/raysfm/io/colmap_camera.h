@@ -40,7 +40,8 @@ struct ColmapCamera {
 Result<CameraModel> camera_model_from_colmap(int32_t model, std::span<const double> parameters);
 
 // Model and parameters of COLMAP for the same camera; nullopt where COLMAP has none. Pinhole becomes PINHOLE,
-// radtan OPENCV or, where k3 is not zero, FULL_OPENCV, rational FULL_OPENCV. Of the others the width and
+// radtan OPENCV or, where k3 is not zero, FULL_OPENCV, rational FULL_OPENCV, kannala-brandt OPENCV_FISHEYE,
+// eucm EUCM (which COLMAP 3.8 does not know). Of the others the width and
 // height, which are not part of a CameraModel, stay for the caller to fill.
 std::optional<ColmapCamera> colmap_camera(const CameraModel& model);
 

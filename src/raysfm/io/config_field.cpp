@@ -6,6 +6,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "raysfm/io/text_file.h"
 
@@ -93,8 +94,10 @@ int ConfigField::integer(int low, int high) const {
   return static_cast<int>(*value);
 }
 
-void ConfigField::append_numbers(const ConfigNode& node, std::vector<double>* out) const {
-  if (node.kind == ConfigNode::Kind::kScalar) {
+void ConfigField::append_numbers(const ConfigNode& node, bool holes, std::vector<double>* out) const {
+  if (holes && node.kind == ConfigNode::Kind::kNull) {
+    out->push_back(std::numeric_limits<double>::quiet_NaN());
+  } else if (node.kind == ConfigNode::Kind::kScalar) {
     for (std::string_view word : split_words(node.text)) {
       const std::optional<double> value = parse_number(word);
       if (!value || !std::isfinite(*value)) {
@@ -104,9 +107,9 @@ void ConfigField::append_numbers(const ConfigNode& node, std::vector<double>* ou
       out->push_back(*value);
     }
   } else if (node.kind == ConfigNode::Kind::kMap && node.find("data")) {
-    append_numbers(*node.find("data"), out);
+    append_numbers(*node.find("data"), holes, out);
   } else if (node.kind == ConfigNode::Kind::kList) {
-    for (const ConfigNode& item : node.items) append_numbers(item, out);
+    for (const ConfigNode& item : node.items) append_numbers(item, holes, out);
   } else {
     report("finite numbers");
   }
@@ -118,7 +121,17 @@ std::vector<double> ConfigField::numbers() const {
     report("a list of finite numbers");
     return values;
   }
-  append_numbers(*node_, &values);
+  append_numbers(*node_, false, &values);
+  return values;
+}
+
+std::vector<double> ConfigField::numbers_or_holes() const {
+  std::vector<double> values;
+  if (!is_list()) {
+    report("a list of finite numbers and ~");
+    return values;
+  }
+  append_numbers(*node_, true, &values);
   return values;
 }
 

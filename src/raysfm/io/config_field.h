@@ -51,6 +51,7 @@ class ConfigField {
   // Finite numbers: a list, nested or not, a run of words, or the `data` of a matrix.
   std::vector<double> numbers() const;
   std::vector<double> numbers(size_t count) const;  // exactly so many
+  std::vector<double> numbers_or_holes() const;     // a list; ~ (null) becomes NaN
   Rigid3 rigid_matrix() const;                      // 4 x 4 or 3 x 4 by rows; rotation within 1e-3
 
   void report(const std::string& allowed) const;  // this field's value is not allowed
@@ -59,7 +60,7 @@ class ConfigField {
 
  private:
   std::string value() const;
-  void append_numbers(const ConfigNode& node, std::vector<double>* out) const;
+  void append_numbers(const ConfigNode& node, bool holes, std::vector<double>* out) const;
 
   const ConfigNode* node_;
   std::string name_;

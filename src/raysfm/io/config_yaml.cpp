@@ -4,6 +4,7 @@
 #include <yaml-cpp/parser.h>
 
 #include <algorithm>
+#include <cctype>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -152,6 +153,28 @@ class TreeBuilder : public YAML::EventHandler {
   int nodes_ = 0;
 };
 
+// OpenCV's own reader takes "key:-1" for a key and a value; YAML wants a space there. Adds it where a line
+// begins with a plain word and a colon.
+std::string with_spaces_after_keys(const std::string& document) {
+  std::string out;
+  out.reserve(document.size());
+  for (size_t begin = 0; begin < document.size();) {
+    size_t end = document.find('\n', begin);
+    end = end == std::string::npos ? document.size() : end + 1;
+    size_t at = begin;
+    while (at < end && (document[at] == ' ' || std::isalnum(static_cast<unsigned char>(document[at])) ||
+                        document[at] == '_' || document[at] == '.')) {
+      ++at;
+    }
+    const bool key = at > begin && at + 1 < end && document[at] == ':' &&
+                     (std::isdigit(static_cast<unsigned char>(document[at + 1])) || document[at + 1] == '-');
+    out.append(document, begin, (key ? at + 1 : end) - begin);
+    if (key) out.append(" ").append(document, at + 1, end - at - 1);
+    begin = end;
+  }
+  return out;
+}
+
 }  // namespace
 
 const ConfigNode* ConfigNode::find(std::string_view key) const {
@@ -162,7 +185,10 @@ const ConfigNode* ConfigNode::find(std::string_view key) const {
 Result<ConfigNode> parse_yaml(std::string_view text, const std::string& name) {
   // OpenCV's header is no directive of YAML. Blanking it keeps the numbers of the lines.
   std::string document(text);
-  if (document.starts_with("%YAML:")) document.replace(0, document.find('\n'), "");
+  if (document.starts_with("%YAML:")) {
+    document.replace(0, document.find('\n'), "");
+    document = with_spaces_after_keys(document);
+  }
   if (document.find('\0') != std::string::npos) return bad_input(name + ": binary data, text is allowed");
   try {
     std::istringstream stream(document);
