@@ -1,0 +1,32 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "raysfm/core/result.h"
+
+namespace raysfm {
+
+// Points seen in images. Observation k: point[k] is seen in image[k] at pixel[k]; the three arrays have one
+// length, in any order, no (image, point) twice. Nothing needs every point in every image.
+struct PointTracks {
+  int image_count = 0;
+  int point_count = 0;
+  Eigen::Vector2d image_size = Eigen::Vector2d::Zero();  // pixels, > 0; the same for every image
+  std::vector<int> image;                                // [0, image_count)
+  std::vector<int> point;                                // [0, point_count)
+  std::vector<Eigen::Vector2d> pixel;                    // finite
+
+  int size() const { return static_cast<int>(image.size()); }
+  Eigen::Vector2d centre() const { return 0.5 * (image_size - Eigen::Vector2d::Ones()); }
+  void add(int in_image, int of_point, const Eigen::Vector2d& at) {
+    image.push_back(in_image);
+    point.push_back(of_point);
+    pixel.push_back(at);
+  }
+};
+
+// Names the observation (counted from 0), the value and what is allowed.
+Result<void> validate(const PointTracks& tracks);
+
+}  // namespace raysfm

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/result.h"
+#include "raysfm/uncalibrated/lens_adjustment.h"
+#include "raysfm/uncalibrated/point_tracks.h"
+
+namespace raysfm {
+
+enum class LensChange { kAuto, kFixed, kZoom };
+enum class LensMethod { kIntrinsicsFree, kStandard, kPolished };
+
+struct SolveOptions {
+  LensChange lens = LensChange::kAuto;
+  LensMethod method = LensMethod::kPolished;
+  ConstraintMethod constraints = ConstraintMethod::kWeights;
+  double max_error_px = 3.0;  // of an inlier, > 0
+  // Standard deviation of the principal point about the centre of the image, as a share of the image's
+  // larger side; 0: nothing is known of it.
+  double principal_point_sigma = 0.03;
+  int max_samples = 2000;  // of each RANSAC, > 0
+  uint64_t seed = 0;
+};
+
+struct UncalibratedReconstruction {
+  UncalibratedScene scene;
+  std::vector<uint8_t> image_posed;    // one per image: pose and lens are valid
+  std::vector<uint8_t> point_placed;   // one per point
+  std::vector<uint8_t> inlier;         // one per observation
+  std::vector<LensVector> lens_sigma;  // one per image, infinite where unknown
+  bool zooming = false;
+  std::string lens_evidence;       // why the lens was taken for fixed or zooming, one line
+  std::string degenerate;          // empty, or the name of the degenerate motion or structure
+  double rms_px = 0;               // over the inliers
+  int start_images[2] = {-1, -1};  // the two views of the start
+  int start_inliers = 0;           // their matches that agree with its fundamental matrix
+  LensAdjustmentSummary adjustment;
+};
+
+// Structure, motion and lenses from point tracks alone (IFBA01 4.2 and 4). kBadInput for tracks that
+// contradict themselves; kNoReconstruction when they do not determine a structure, with the reason.
+Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options);
+
+}  // namespace raysfm
