@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
+#include <cmath>
 #include <system_error>
 #include <unordered_map>
 
@@ -51,6 +51,12 @@ Result<void> link_images(const FileNames& names, ColmapModel* model) {
                                    image.id, image.camera_id, names.cameras));
     }
     image.camera = camera->second;
+    const auto& [w, x, y, z] = image.rotation;
+    const double length = Eigen::Vector4d(w, x, y, z).norm();
+    if (!(length > 0) || !std::isfinite(length)) {
+      return bad_input(fmt::format("{}: image {}: a quaternion of length {} is not allowed, one above 0 is",
+                                   names.images, image.id, length));
+    }
   }
   return {};
 }
