@@ -1,0 +1,52 @@
+#include "setting_flags.h"
+
+#include <set>
+#include <type_traits>
+#include <variant>
+
+namespace raysfm::app {
+namespace {
+
+bool is_common(const SettingField& field) {
+  return field.name == "seed" || field.name == "threads";
+}
+
+void add_flag(CLI::App& command, const SettingField& field) {
+  const std::string flag = "--" + field.name;
+  std::visit(
+      [&](auto* value) {
+        if constexpr (std::is_same_v<decltype(value), bool*>) {
+          command.add_flag(flag, *value, field.help);
+        } else {
+          CLI::Option* option = command.add_option(flag, *value, field.help);
+          if constexpr (std::is_same_v<decltype(value), std::string*>) {
+            if (!field.allowed.empty()) option->check(CLI::IsMember(field.allowed));
+            if (value->empty()) return;
+          }
+          option->capture_default_str();
+        }
+      },
+      field.value);
+}
+
+}  // namespace
+
+void add_setting_flags(CLI::App& command, const std::vector<SettingField>& fields) {
+  for (const SettingField& field : fields) {
+    if (!is_common(field)) add_flag(command, field);
+  }
+}
+
+Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
+                             const CLI::App& program, const CommonOptions& common) {
+  std::set<std::string> given;
+  for (const SettingField& field : fields) {
+    const CLI::App& owner = is_common(field) ? program : command;
+    if (owner.count("--" + field.name) > 0) given.insert(field.name);
+    if (field.name == "seed") *std::get<uint64_t*>(field.value) = common.seed;
+    if (field.name == "threads") *std::get<int*>(field.value) = common.threads;
+  }
+  return common.config.empty() ? Result<void>() : read_config(common.config, fields, given);
+}
+
+}  // namespace raysfm::app
