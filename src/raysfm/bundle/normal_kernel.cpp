@@ -34,17 +34,15 @@ HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
           hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
 }
 
-void TransformPoints(const double* r, const double* t, ObservationBlock* blocks, int count) {
+void TransformPoints(const double* r, const double* t, ResidualBlock* block) {
   const Tag d;
-  for (int i = 0; i < count; ++i) {
-    double(*x)[kBundleLanes] = blocks[i].x;
-    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
-      const Vec px = hn::Load(d, x[0] + lane), py = hn::Load(d, x[1] + lane), pz = hn::Load(d, x[2] + lane);
-      for (int c = 0; c < 3; ++c) {
-        const Vec rotated =
-            dot(hn::Set(d, r[3 * c]), px, hn::Set(d, r[3 * c + 1]), py, hn::Set(d, r[3 * c + 2]), pz);
-        hn::Store(hn::Add(rotated, hn::Set(d, t[c])), d, x[c] + lane);
-      }
+  double(*x)[kBundleLanes] = block->x;
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+    const Vec px = hn::Load(d, x[0] + lane), py = hn::Load(d, x[1] + lane), pz = hn::Load(d, x[2] + lane);
+    for (int c = 0; c < 3; ++c) {
+      const Vec rotated =
+          dot(hn::Set(d, r[3 * c]), px, hn::Set(d, r[3 * c + 1]), py, hn::Set(d, r[3 * c + 2]), pz);
+      hn::Store(hn::Add(rotated, hn::Set(d, t[c])), d, x[c] + lane);
     }
   }
 }
@@ -63,7 +61,8 @@ HWY_INLINE Vec3 times_rotation(Tag d, const Vec3& a, const double* r) {
 }
 
 // Returns the rows after filling block->point for one vector of lanes.
-HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock* block, size_t lane) {
+template <int N>
+HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock<N>* block, size_t lane) {
   const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block->jacobian[k] + lane); };
   const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
   const Vec w = hn::Load(d, block->weight + lane);
@@ -89,22 +88,21 @@ HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock* bl
   return m;
 }
 
-void PointTerms(const double* rotation, ObservationBlock* blocks, int count) {
+template <int N>
+void PointTerms(const double* rotation, ObservationBlock<N>* block) {
   const Tag d;
-  for (int i = 0; i < count; ++i) {
-    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d))
-      PointTermsAt(d, rotation, blocks + i, lane);
-  }
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) PointTermsAt(d, rotation, block, lane);
 }
 
 // W = [M R; [x]x M R] with M = w A^T A, by columns: M R e_c = (w A)^T (Jp e_c).
-HWY_INLINE void CrossTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBlock* block, size_t lane) {
+template <int N>
+HWY_INLINE void CrossTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBlock<N>* block, size_t lane) {
   const auto column = [&](int c, Vec jp0, Vec jp1) HWY_ATTR {
     const Vec3 top = {dot(m.wa0.x, jp0, m.wa1.x, jp1), dot(m.wa0.y, jp0, m.wa1.y, jp1),
                       dot(m.wa0.z, jp0, m.wa1.z, jp1)};
     const Vec3 bottom = cross(x, top);
     const Vec values[6] = {top.x, top.y, top.z, bottom.x, bottom.y, bottom.z};
-    for (int k = 0; k < 6; ++k) hn::Store(values[k], d, block->cross[6 * c + k] + lane);
+    for (int k = 0; k < 6; ++k) hn::Store(values[k], d, block->cross[N * c + k] + lane);
   };
   column(0, m.jp0.x, m.jp1.x);
   column(1, m.jp0.y, m.jp1.y);
@@ -112,8 +110,9 @@ HWY_INLINE void CrossTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBlo
 }
 
 // U = [M, .; N, N [x]x^T] with N = [x]x M; gc = (g, x x g) with g = w A^T r.
-HWY_INLINE void PoseTermsAt(Tag d, const Rows& m, const Vec3& x, const ObservationBlock& block,
-                            PoseSums* sums, size_t lane) {
+template <int N>
+HWY_INLINE void PoseTermsAt(Tag d, const Rows& m, const Vec3& x, const ObservationBlock<N>& block,
+                            PoseSums<N>* sums, size_t lane) {
   const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block.jacobian[k] + lane); };
   const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
   const auto add = [&](int k, Vec v) HWY_ATTR {
@@ -136,17 +135,57 @@ HWY_INLINE void PoseTermsAt(Tag d, const Rows& m, const Vec3& x, const Observati
   add(21, g.x), add(22, g.y), add(23, g.z), add(24, h.x), add(25, h.y), add(26, h.z);
 }
 
-void PointAndPoseTerms(const double* rotation, ObservationBlock* blocks, int count, PoseSums* sums) {
-  const Tag d;
-  for (ObservationBlock* block = blocks; block != blocks + count; ++block) {
-    for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
-      const Rows m = PointTermsAt(d, rotation, block, lane);
-      const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
-                      hn::Load(d, block->x[2] + lane)};
-      CrossTermsAt(d, m, x, block, lane);
-      PoseTermsAt(d, m, x, *block, sums, lane);
-    }
+// What B adds: the rows of U, gc and W that belong to the lens.
+HWY_INLINE void LensTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBlock<9>* block,
+                            PoseSums<9>* sums, size_t lane) {
+  const auto add = [&](int k, Vec v) HWY_ATTR {
+    hn::Store(hn::Add(hn::Load(d, sums->sum[k] + lane), v), d, sums->sum[k] + lane);
+  };
+  const auto store = [&](int column, int row, Vec v)
+                         HWY_ATTR { hn::Store(v, d, block->cross[9 * column + row] + lane); };
+  const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block->lens[k] + lane); };
+  const Vec w = hn::Load(d, block->weight + lane);
+  const Vec b0[3] = {load(0), load(1), load(2)}, b1[3] = {load(3), load(4), load(5)};
+  for (int i = 0, k = 45; i < 3; ++i) {
+    const Vec3 top = {dot(m.wa0.x, b0[i], m.wa1.x, b1[i]), dot(m.wa0.y, b0[i], m.wa1.y, b1[i]),
+                      dot(m.wa0.z, b0[i], m.wa1.z, b1[i])};
+    const Vec3 bottom = cross(x, top);
+    add(27 + 6 * i, top.x), add(28 + 6 * i, top.y), add(29 + 6 * i, top.z);
+    add(30 + 6 * i, bottom.x), add(31 + 6 * i, bottom.y), add(32 + 6 * i, bottom.z);
+    const Vec wb0 = hn::Mul(w, b0[i]), wb1 = hn::Mul(w, b1[i]);
+    for (int j = i; j < 3; ++j) add(k++, dot(wb0, b0[j], wb1, b1[j]));
+    add(51 + i, dot(b0[i], m.r0, b1[i], m.r1));
+    store(0, 6 + i, dot(wb0, m.jp0.x, wb1, m.jp1.x));
+    store(1, 6 + i, dot(wb0, m.jp0.y, wb1, m.jp1.y));
+    store(2, 6 + i, dot(wb0, m.jp0.z, wb1, m.jp1.z));
   }
+}
+
+template <int N>
+void PointAndPoseTerms(const double* rotation, ObservationBlock<N>* block, PoseSums<N>* sums) {
+  const Tag d;
+  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+    const Rows m = PointTermsAt(d, rotation, block, lane);
+    const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
+                    hn::Load(d, block->x[2] + lane)};
+    CrossTermsAt(d, m, x, block, lane);
+    PoseTermsAt(d, m, x, *block, sums, lane);
+    if constexpr (N == 9) LensTermsAt(d, m, x, block, sums, lane);
+  }
+}
+
+// One name for each, as the dispatch wants.
+void PointTerms6(const double* rotation, ObservationBlock<6>* block) {
+  PointTerms(rotation, block);
+}
+void PointTerms9(const double* rotation, ObservationBlock<9>* block) {
+  PointTerms(rotation, block);
+}
+void PointAndPoseTerms6(const double* rotation, ObservationBlock<6>* block, PoseSums<6>* sums) {
+  PointAndPoseTerms(rotation, block, sums);
+}
+void PointAndPoseTerms9(const double* rotation, ObservationBlock<9>* block, PoseSums<9>* sums) {
+  PointAndPoseTerms(rotation, block, sums);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -158,8 +197,10 @@ namespace raysfm {
 namespace {
 
 HWY_EXPORT(TransformPoints);
-HWY_EXPORT(PointTerms);
-HWY_EXPORT(PointAndPoseTerms);
+HWY_EXPORT(PointTerms6);
+HWY_EXPORT(PointTerms9);
+HWY_EXPORT(PointAndPoseTerms6);
+HWY_EXPORT(PointAndPoseTerms9);
 
 double lane_sum(const double* lanes) {
   double sum = lanes[0];
@@ -167,27 +208,55 @@ double lane_sum(const double* lanes) {
   return sum;
 }
 
+struct Place {
+  int row, column;
+};
+// Of the sums in U, those of the lens after gc.
+constexpr Place kPosePlaces[21] = {{0, 0}, {1, 0}, {2, 0}, {1, 1}, {2, 1}, {2, 2}, {3, 0},
+                                   {4, 0}, {5, 0}, {3, 1}, {4, 1}, {5, 1}, {3, 2}, {4, 2},
+                                   {5, 2}, {3, 3}, {4, 3}, {5, 3}, {4, 4}, {5, 4}, {5, 5}};
+constexpr Place kLensPlaces[24] = {{6, 0}, {6, 1}, {6, 2}, {6, 3}, {6, 4}, {6, 5}, {7, 0}, {7, 1},
+                                   {7, 2}, {7, 3}, {7, 4}, {7, 5}, {8, 0}, {8, 1}, {8, 2}, {8, 3},
+                                   {8, 4}, {8, 5}, {6, 6}, {7, 6}, {8, 6}, {7, 7}, {8, 7}, {8, 8}};
+
 }  // namespace
 
-void transform_points(const double* rotation, const double* translation, ObservationBlock* blocks,
-                      int count) {
-  HWY_DYNAMIC_DISPATCH(TransformPoints)(rotation, translation, blocks, count);
+void transform_points(const double* rotation, const double* translation, ResidualBlock* block) {
+  HWY_DYNAMIC_DISPATCH(TransformPoints)(rotation, translation, block);
 }
 
-void point_terms(const double* rotation, ObservationBlock* blocks, int count) {
-  HWY_DYNAMIC_DISPATCH(PointTerms)(rotation, blocks, count);
+template <>
+void point_terms<6>(const double* rotation, ObservationBlock<6>* block) {
+  HWY_DYNAMIC_DISPATCH(PointTerms6)(rotation, block);
+}
+template <>
+void point_terms<9>(const double* rotation, ObservationBlock<9>* block) {
+  HWY_DYNAMIC_DISPATCH(PointTerms9)(rotation, block);
 }
 
-void point_and_pose_terms(const double* rotation, ObservationBlock* blocks, int count, PoseSums* sums) {
-  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms)(rotation, blocks, count, sums);
+template <>
+void point_and_pose_terms<6>(const double* rotation, ObservationBlock<6>* block, PoseSums<6>* sums) {
+  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms6)(rotation, block, sums);
+}
+template <>
+void point_and_pose_terms<9>(const double* rotation, ObservationBlock<9>* block, PoseSums<9>* sums) {
+  HWY_DYNAMIC_DISPATCH(PointAndPoseTerms9)(rotation, block, sums);
 }
 
-void add_pose_sums(const PoseSums& sums, double* u, double* gradient) {
-  // Places of the first 21 numbers in U, by columns.
-  constexpr int kPlace[21] = {0, 1, 2, 7, 8, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17, 21, 22, 23, 28, 29, 35};
-  for (int k = 0; k < 21; ++k) u[kPlace[k]] += lane_sum(sums.sum[k]);
+template <int N>
+void add_pose_sums(const PoseSums<N>& sums, double* u, double* gradient) {
+  const auto add = [&](const Place& place, int k) {
+    u[N * place.column + place.row] += lane_sum(sums.sum[k]);
+  };
+  for (int k = 0; k < 21; ++k) add(kPosePlaces[k], k);
   for (int k = 0; k < 6; ++k) gradient[k] += lane_sum(sums.sum[21 + k]);
+  if constexpr (N == 9) {
+    for (int k = 0; k < 24; ++k) add(kLensPlaces[k], 27 + k);
+    for (int k = 0; k < 3; ++k) gradient[6 + k] += lane_sum(sums.sum[51 + k]);
+  }
 }
+template void add_pose_sums<6>(const PoseSums<6>& sums, double* u, double* gradient);
+template void add_pose_sums<9>(const PoseSums<9>& sums, double* u, double* gradient);
 
 }  // namespace raysfm
 #endif  // HWY_ONCE

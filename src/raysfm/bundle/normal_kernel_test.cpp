@@ -25,8 +25,8 @@ struct Fixture {
   std::vector<Matrix23> a;
   std::vector<Eigen::Vector2d> r;
   std::vector<double> weight;
-  ObservationBlock block{};
-  PoseSums sums{};
+  ObservationBlock<6> block{};
+  PoseSums<6> sums{};
 
   Fixture() {
     Rng rng(3);
@@ -40,7 +40,7 @@ struct Fixture {
       weight.push_back(k == 5 ? 0.0 : rng.uniform());
       block.weight[k] = weight[k];
     }
-    transform_points(rotation.data(), pose.translation.data(), &block, 1);
+    transform_points(rotation.data(), pose.translation.data(), &block);
   }
 
   // Derivative of A (pose * X) by the left tangent of the pose and by X, by central differences.
@@ -65,7 +65,7 @@ struct Fixture {
 
 TEST(NormalKernel, IsTheNumericJacobian) {
   Fixture f;
-  point_and_pose_terms(f.rotation.data(), &f.block, 1, &f.sums);
+  point_and_pose_terms(f.rotation.data(), &f.block, &f.sums);
   Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero(), expected_u = u;
   Eigen::Matrix<double, 6, 1> gc = Eigen::Matrix<double, 6, 1>::Zero(), expected_gc = gc;
   add_pose_sums(f.sums, u.data(), gc.data());
@@ -89,8 +89,8 @@ TEST(NormalKernel, IsTheNumericJacobian) {
 
 TEST(NormalKernel, PointSideIsTheSameWithoutThePose) {
   Fixture a, b;
-  point_and_pose_terms(a.rotation.data(), &a.block, 1, &a.sums);
-  point_terms(b.rotation.data(), &b.block, 1);
+  point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
+  point_terms(b.rotation.data(), &b.block);
   EXPECT_EQ(std::memcmp(a.block.point, b.block.point, sizeof(a.block.point)), 0);
 }
 
@@ -101,7 +101,7 @@ TEST(NormalKernel, SameBitsOnEveryInstructionSet) {
     hwy::SetSupportedTargetsForTest(targets & -targets);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());
     results.emplace_back();
-    point_and_pose_terms(results.back().rotation.data(), &results.back().block, 1, &results.back().sums);
+    point_and_pose_terms(results.back().rotation.data(), &results.back().block, &results.back().sums);
   }
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
@@ -123,12 +123,12 @@ TEST(NormalKernel, SevenFreeDirectionsOfTheGauge) {
     Eigen::Vector2d pixel;
     Matrix23 a;
     ASSERT_TRUE(scene.cameras[0].project(x, &pixel, &a));
-    ObservationBlock block{};
+    ObservationBlock<6> block{};
     for (int c = 0; c < 3; ++c) block.x[c][0] = x[c];
     for (int c = 0; c < 6; ++c) block.jacobian[c][0] = a(c / 3, c % 3);
     block.weight[0] = 1;
-    PoseSums sums{};
-    point_and_pose_terms(rotation.data(), &block, 1, &sums);
+    PoseSums<6> sums{};
+    point_and_pose_terms(rotation.data(), &block, &sums);
     Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero();
     Eigen::Matrix<double, 6, 1> gradient;
     add_pose_sums(sums, u.data(), gradient.data());

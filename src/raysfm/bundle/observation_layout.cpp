@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include "raysfm/bundle/normal_kernel.h"
+#include "raysfm/bundle/observation_block.h"
 
 namespace raysfm {
 namespace {
@@ -62,7 +62,9 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
 void ObservationLayout::build(const BundleProblem& problem) {
   sort_inliers(problem);
   fill_lanes(problem);
-  assign_slots(problem.points.size());
+  list_lanes_of_points();
+  assign_slots();
+  cut_chunks();
 }
 
 void ObservationLayout::sort_inliers(const BundleProblem& problem) {
@@ -85,7 +87,7 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
   const bool one_camera = !problem.rays.empty() || !problem.lenses.empty();  // cameras are not looked at
   const auto pad = [&] {
     while (lanes.size() % kBundleLanes != 0) {
-      lanes.push_back({-1, lanes.back().point, -1, -1});
+      lanes.push_back({-1, lanes.back().point, -1, -1, false});
       u.push_back(0), v.push_back(0);
     }
     if (!groups.empty()) groups.back().end = static_cast<int>(lanes.size());
@@ -100,47 +102,67 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
         system_pose = static_cast<int>(poses.size()) - 1;
       }
       const int begin = static_cast<int>(lanes.size());
-      groups.push_back({o.pose, o.camera, system_pose, begin, begin});
+      const bool opens_pose = groups.empty() || groups.back().pose != o.pose;
+      groups.push_back({o.pose, o.camera, system_pose, begin, begin, opens_pose});
     }
     int& system_point = system_point_[o.point];
     if (system_point < 0 && !is_fixed(problem, o.point)) {
       system_point = static_cast<int>(points.size());
       points.push_back(o.point);
     }
-    lanes.push_back({i, o.point, system_point, -1});
+    lanes.push_back({i, o.point, system_point, -1, false});
     u.push_back(o.pixel.x()), v.push_back(o.pixel.y());
   }
   pad();
 }
 
-// A first pass counts the slots of each point, a second numbers them. Lanes come by pose, so a point's slots
-// are met in the order of their poses.
-void ObservationLayout::assign_slots(size_t point_count) {
-  slot_count_.assign(points.size(), 0);
-  for (const bool number : {false, true}) {
-    last_pose_.assign(point_count, -1);
-    if (number) {
-      point_begin.assign(1, 0);
-      for (int count : slot_count_) point_begin.push_back(point_begin.back() + count);
-      pose_of_slot.resize(point_begin.back());
-      slot_count_.assign(points.size(), 0);
-    }
-    for (const Group& group : groups) {
-      if (group.system_pose < 0) continue;
-      for (int k = group.begin; k < group.end; ++k) {
-        Lane& lane = lanes[k];
-        const int p = lane.system_point;
-        if (p < 0) continue;
-        if (last_pose_[p] != group.system_pose) {
-          last_pose_[p] = group.system_pose;
-          ++slot_count_[p];
-        }
-        if (!number) continue;
-        lane.slot = point_begin[p] + slot_count_[p] - 1;
-        pose_of_slot[lane.slot] = group.system_pose;
-      }
+void ObservationLayout::list_lanes_of_points() {
+  lane_begin.assign(points.size() + 1, 0);
+  for (const Lane& lane : lanes) {
+    if (lane.system_point >= 0) ++lane_begin[lane.system_point + 1];
+  }
+  for (size_t p = 0; p < points.size(); ++p) lane_begin[p + 1] += lane_begin[p];
+  place_.assign(lane_begin.begin(), lane_begin.end() - 1);
+  lanes_of_point.resize(lane_begin.back());
+  for (size_t k = 0; k < lanes.size(); ++k) {
+    if (lanes[k].system_point >= 0) lanes_of_point[place_[lanes[k].system_point]++] = static_cast<int>(k);
+  }
+}
+
+// Lanes come by pose, so a point's lanes are met in the order of their poses.
+void ObservationLayout::assign_slots() {
+  group_of_block_.resize(lanes.size() / kBundleLanes);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    for (int k = groups[g].begin; k < groups[g].end; k += kBundleLanes) {
+      group_of_block_[k / kBundleLanes] = static_cast<int>(g);
     }
   }
+  point_begin.assign(1, 0);
+  pose_of_slot.clear();
+  for (size_t p = 0; p < points.size(); ++p) {
+    for (int k = lane_begin[p]; k < lane_begin[p + 1]; ++k) {
+      Lane& lane = lanes[lanes_of_point[k]];
+      const int pose = groups[group_of_block_[lanes_of_point[k] / kBundleLanes]].system_pose;
+      if (pose < 0) continue;
+      const int first_of_point = point_begin.back();
+      lane.opens_slot =
+          static_cast<int>(pose_of_slot.size()) == first_of_point || pose_of_slot.back() != pose;
+      if (lane.opens_slot) pose_of_slot.push_back(pose);
+      lane.slot = static_cast<int>(pose_of_slot.size()) - 1;
+    }
+    point_begin.push_back(static_cast<int>(pose_of_slot.size()));
+  }
+}
+
+void ObservationLayout::cut_chunks() {
+  constexpr int kLeastLanes = 1024;
+  chunks.assign(1, 0);
+  for (size_t g = 0; g < groups.size(); ++g) {
+    if (groups[g].opens_pose && groups[g].begin - groups[chunks.back()].begin >= kLeastLanes) {
+      chunks.push_back(static_cast<int>(g));
+    }
+  }
+  chunks.push_back(static_cast<int>(groups.size()));
 }
 
 }  // namespace raysfm

@@ -7,10 +7,12 @@
 namespace raysfm {
 
 // The inliers of a problem in the order in which the adjustment works on them: by pose, then by camera,
-// padded so that each group of one pose and one camera fills whole blocks of kBundleLanes lanes.
+// padded so that each group of one pose and one camera fills whole blocks of kBundleLanes lanes. Where no
+// camera is looked at (rays, lenses), a pose is one group.
 //
 //     lanes   | pose 0, camera 0 . . . | pose 0, camera 1 . | pose 1, camera 0 . . |        . padding
 //     groups    0                        1                    2
+//     chunks    0                                             1
 //
 // And the numbering of what moves: free poses with an inlier, points that are not fixed and have an inlier,
 // and the slots of the normal equations (optim/schur_system.h). Memory only grows.
@@ -19,19 +21,23 @@ struct ObservationLayout {
     int pose, camera;
     int system_pose;  // -1: does not move
     int begin, end;   // lanes
+    bool opens_pose;  // the first group of its pose
   };
   struct Lane {
     int observation;   // -1: padding
     int point;         // a valid index even in the padding
     int system_point;  // -1: does not move
     int slot;          // -1: pose or point does not move
+    bool opens_slot;   // the first lane of its slot
   };
 
   std::vector<Group> groups;
   std::vector<Lane> lanes;
   std::vector<double> u, v;        // observed pixel, by lane
+  std::vector<int> chunks;         // first group of each unit of work, then the number of groups; whole poses
   std::vector<int> poses, points;  // index in the problem, by number in the system
-  std::vector<int> point_begin;    // slots by system point
+  std::vector<int> lane_begin, lanes_of_point;  // by system point, ascending
+  std::vector<int> point_begin;                 // slots by system point
   std::vector<int> pose_of_slot;
 
   // The problem must be valid.
@@ -40,9 +46,11 @@ struct ObservationLayout {
  private:
   void sort_inliers(const BundleProblem& problem);
   void fill_lanes(const BundleProblem& problem);
-  void assign_slots(size_t point_count);
+  void list_lanes_of_points();
+  void assign_slots();
+  void cut_chunks();
 
-  std::vector<int> order_, sorted_, counts_, system_point_, last_pose_, slot_count_;
+  std::vector<int> order_, sorted_, counts_, system_point_, place_, group_of_block_;
 };
 
 // Whether sizes and indices agree and the options are in range.

@@ -2,6 +2,10 @@
 
 #include <cstddef>
 
+// Vectors without a size at compile time cannot stand in the arrays below.
+#ifndef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#endif
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raysfm/optim/schur_kernels.cpp"
 #include <hwy/foreach_target.h>
@@ -72,68 +76,144 @@ void FactorizePoints(const PointBlock* points, int count, double damping, double
   }
 }
 
-void ScaleSlots(int point_count, const int* point_begin, const int* pose_of_slot, const double* factors,
-                const double* w, double* z, double* right) {
+// The rows [row, row + lanes) of the three columns of Z = W L^-T.
+template <class D, class T>
+HWY_INLINE void ScaleColumns(D d, const double* f, const T w0, const T w1, const T w2, T& z0, T& z1, T& z2) {
+  z0 = hn::Mul(w0, hn::Set(d, f[0]));
+  z1 = hn::Add(hn::Mul(w0, hn::Set(d, f[1])), hn::Mul(w1, hn::Set(d, f[2])));
+  z2 = hn::Add(hn::Add(hn::Mul(w0, hn::Set(d, f[3])), hn::Mul(w1, hn::Set(d, f[4]))),
+               hn::Mul(w2, hn::Set(d, f[5])));
+}
+
+template <int N>
+void ScaleSlots(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                double* z) {
   const Tag d;
-  for (int p = 0; p < point_count; ++p) {
-    const double* f = factors + size_t{9} * p;
+  for (int p = begin; p < end; ++p) {
+    const double* f = factors + size_t{kFactorSize} * p;
     for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
-      const double* from = w + size_t{kCrossSize} * s;
-      double* to = z + size_t{kCrossSize} * s;
-      double* sum = right + size_t{kCrossRows} * pose_of_slot[s];
-      for (size_t r = 0; r < 6; r += hn::Lanes(d)) {
-        const auto w0 = hn::Load(d, from + r), w1 = hn::Load(d, from + kCrossRows + r),
-                   w2 = hn::Load(d, from + 2 * kCrossRows + r);
-        const auto z0 = hn::Mul(w0, hn::Set(d, f[0]));
-        const auto z1 = hn::Add(hn::Mul(w0, hn::Set(d, f[1])), hn::Mul(w1, hn::Set(d, f[2])));
-        const auto z2 = hn::Add(hn::Add(hn::Mul(w0, hn::Set(d, f[3])), hn::Mul(w1, hn::Set(d, f[4]))),
-                                hn::Mul(w2, hn::Set(d, f[5])));
+      const double* from = w + size_t{kCrossSize<N>} * s;
+      double* to = z + size_t{kCrossSize<N>} * s;
+      for (size_t r = 0; r < kCrossRows; r += hn::Lanes(d)) {
+        auto z0 = hn::Zero(d), z1 = z0, z2 = z0;
+        ScaleColumns(d, f, hn::Load(d, from + r), hn::Load(d, from + kCrossRows + r),
+                     hn::Load(d, from + 2 * kCrossRows + r), z0, z1, z2);
         hn::Store(z0, d, to + r);
         hn::Store(z1, d, to + kCrossRows + r);
         hn::Store(z2, d, to + 2 * kCrossRows + r);
-        const auto zy = hn::Add(hn::Add(hn::Mul(z0, hn::Set(d, f[6])), hn::Mul(z1, hn::Set(d, f[7]))),
-                                hn::Mul(z2, hn::Set(d, f[8])));
-        hn::Store(hn::Add(hn::Load(d, sum + r), zy), d, sum + r);
       }
+      if (N <= kCrossRows) continue;
+      const double* last = from + 3 * kCrossRows;
+      double* last_z = to + 3 * kCrossRows;
+      last_z[0] = last[0] * f[0];
+      last_z[1] = last[0] * f[1] + last[1] * f[2];
+      last_z[2] = last[0] * f[3] + last[1] * f[4] + last[2] * f[5];
     }
   }
 }
-
-// The rows [row, row + lanes) of all six columns of the sum, kept in registers.
-template <class D>
-HWY_INLINE void SumRows(D d, const double* z, const SlotPair* pairs, int count, size_t row,
-                        double (*sum)[kCrossRows]) {
-  auto c0 = hn::Zero(d), c1 = c0, c2 = c0, c3 = c0, c4 = c0, c5 = c0;
-  for (int i = 0; i < count; ++i) {
-    const double* a = z + size_t{kCrossSize} * pairs[i].row + row;
-    const double* b = z + size_t{kCrossSize} * pairs[i].column;
-    const auto a0 = hn::Load(d, a), a1 = hn::Load(d, a + kCrossRows), a2 = hn::Load(d, a + 2 * kCrossRows);
-    const auto column = [&](int c) HWY_ATTR {
-      return hn::Add(hn::Add(hn::Mul(a0, hn::Set(d, b[c])), hn::Mul(a1, hn::Set(d, b[kCrossRows + c]))),
-                     hn::Mul(a2, hn::Set(d, b[2 * kCrossRows + c])));
-    };
-    c0 = hn::Add(c0, column(0));
-    c1 = hn::Add(c1, column(1));
-    c2 = hn::Add(c2, column(2));
-    c3 = hn::Add(c3, column(3));
-    c4 = hn::Add(c4, column(4));
-    c5 = hn::Add(c5, column(5));
-  }
-  hn::Store(c0, d, sum[0] + row);
-  hn::Store(c1, d, sum[1] + row);
-  hn::Store(c2, d, sum[2] + row);
-  hn::Store(c3, d, sum[3] + row);
-  hn::Store(c4, d, sum[4] + row);
-  hn::Store(c5, d, sum[5] + row);
+void ScaleSlots6(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                 double* z) {
+  ScaleSlots<6>(begin, end, point_begin, factors, w, z);
+}
+void ScaleSlots9(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                 double* z) {
+  ScaleSlots<9>(begin, end, point_begin, factors, w, z);
 }
 
-void SubtractProducts(const double* z, const SlotPair* pairs, int count, double* target) {
+template <int N>
+void AddRightSide(const double* z, const double* factors, const int* slots, const int* points, int count,
+                  double* right) {
   const Tag d;
-  alignas(64) double sum[6][kCrossRows];
-  for (size_t row = 0; row < 6; row += hn::Lanes(d)) SumRows(d, z, pairs, count, row, sum);
-  for (int c = 0; c < 6; ++c) {
-    for (int r = 0; r < 6; ++r) target[6 * c + r] -= sum[c][r];
+  alignas(64) double sum[kCrossRows];
+  double last = 0;
+  for (size_t r = 0; r < kCrossRows; r += hn::Lanes(d)) {
+    auto part = hn::Zero(d);
+    for (int k = 0; k < count; ++k) {
+      const double* y = factors + size_t{kFactorSize} * points[k] + 6;
+      const double* from = z + size_t{kCrossSize<N>} * slots[k] + r;
+      part = hn::Add(part, hn::Add(hn::Add(hn::Mul(hn::Load(d, from), hn::Set(d, y[0])),
+                                           hn::Mul(hn::Load(d, from + kCrossRows), hn::Set(d, y[1]))),
+                                   hn::Mul(hn::Load(d, from + 2 * kCrossRows), hn::Set(d, y[2]))));
+      if (N <= kCrossRows || r > 0) continue;
+      const double* tail = from + 3 * kCrossRows;
+      last += tail[0] * y[0] + tail[1] * y[1] + tail[2] * y[2];
+    }
+    hn::Store(part, d, sum + r);
   }
+  for (int r = 0; r < N; ++r) right[r] += r < kCrossRows ? sum[r] : last;
+}
+void AddRightSide6(const double* z, const double* factors, const int* slots, const int* points, int count,
+                   double* right) {
+  AddRightSide<6>(z, factors, slots, points, count, right);
+}
+void AddRightSide9(const double* z, const double* factors, const int* slots, const int* points, int count,
+                   double* right) {
+  AddRightSide<9>(z, factors, slots, points, count, right);
+}
+
+// The rows [row, row + lanes) of columns [kFirst, kFirst + kCount) of the sum, kept in registers.
+template <int N, int kFirst, int kCount>
+HWY_INLINE void SumRows(const double* z, const SlotPair* pairs, int count, size_t row,
+                        double (*sum)[kCrossRows]) {
+  const Tag d;
+  hn::Vec<Tag> total[kCount];
+  for (int c = 0; c < kCount; ++c) total[c] = hn::Zero(d);
+  for (int i = 0; i < count; ++i) {
+    const double* a = z + size_t{kCrossSize<N>} * pairs[i].row + row;
+    const double* b = z + size_t{kCrossSize<N>} * pairs[i].column;
+    const auto a0 = hn::Load(d, a), a1 = hn::Load(d, a + kCrossRows), a2 = hn::Load(d, a + 2 * kCrossRows);
+    for (int c = 0; c < kCount; ++c) {
+      const auto b0 = hn::Set(d, b[cross_place(kFirst + c, 0)]),
+                 b1 = hn::Set(d, b[cross_place(kFirst + c, 1)]),
+                 b2 = hn::Set(d, b[cross_place(kFirst + c, 2)]);
+      total[c] = hn::Add(total[c], hn::Add(hn::Add(hn::Mul(a0, b0), hn::Mul(a1, b1)), hn::Mul(a2, b2)));
+    }
+  }
+  for (int c = 0; c < kCount; ++c) hn::Store(total[c], d, sum[kFirst + c] + row);
+}
+
+// The ninth row of the sum.
+HWY_INLINE void SumNinthRow(const double* z, const SlotPair* pairs, int count, double* sum) {
+  const Tag d;
+  alignas(64) double part[kCrossRows];
+  double last = 0;
+  for (size_t column = 0; column < kCrossRows; column += hn::Lanes(d)) {
+    auto total = hn::Zero(d);
+    for (int i = 0; i < count; ++i) {
+      const double* a = z + size_t{kCrossSize<9>} * pairs[i].row + 3 * kCrossRows;
+      const double* b = z + size_t{kCrossSize<9>} * pairs[i].column;
+      total = hn::Add(total, hn::Add(hn::Add(hn::Mul(hn::Load(d, b + column), hn::Set(d, a[0])),
+                                             hn::Mul(hn::Load(d, b + kCrossRows + column), hn::Set(d, a[1]))),
+                                     hn::Mul(hn::Load(d, b + 2 * kCrossRows + column), hn::Set(d, a[2]))));
+      if (column > 0) continue;
+      const double* tail = b + 3 * kCrossRows;
+      last += a[0] * tail[0] + a[1] * tail[1] + a[2] * tail[2];
+    }
+    hn::Store(total, d, part + column);
+  }
+  for (int c = 0; c < kCrossRows; ++c) sum[c] = part[c];
+  sum[kCrossRows] = last;
+}
+
+template <int N>
+void SubtractProducts(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+  alignas(64) double sum[N][kCrossRows];
+  for (size_t row = 0; row < (N < kCrossRows ? N : kCrossRows); row += hn::Lanes(Tag())) {
+    SumRows<N, 0, N>(z, pairs, count, row, sum);
+  }
+  for (int c = 0; c < N; ++c) {
+    for (int r = 0; r < (N < kCrossRows ? N : kCrossRows); ++r) target[stride * c + r] -= sum[c][r];
+  }
+  if (N <= kCrossRows) return;
+  double ninth[9];
+  SumNinthRow(z, pairs, count, ninth);
+  for (int c = 0; c < N; ++c) target[stride * c + kCrossRows] -= ninth[c];
+}
+void SubtractProducts6(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+  SubtractProducts<6>(z, pairs, count, target, stride);
+}
+void SubtractProducts9(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+  SubtractProducts<9>(z, pairs, count, target, stride);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -144,20 +224,46 @@ HWY_AFTER_NAMESPACE();
 namespace raysfm {
 
 HWY_EXPORT(FactorizePoints);
-HWY_EXPORT(ScaleSlots);
-HWY_EXPORT(SubtractProducts);
+HWY_EXPORT(ScaleSlots6);
+HWY_EXPORT(ScaleSlots9);
+HWY_EXPORT(AddRightSide6);
+HWY_EXPORT(AddRightSide9);
+HWY_EXPORT(SubtractProducts6);
+HWY_EXPORT(SubtractProducts9);
 
 void factorize_points(const PointBlock* points, int count, double damping, double* factors) {
   HWY_DYNAMIC_DISPATCH(FactorizePoints)(points, count, damping, factors);
 }
 
-void scale_slots(int point_count, const int* point_begin, const int* pose_of_slot, const double* factors,
-                 const double* w, double* z, double* right) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots)(point_count, point_begin, pose_of_slot, factors, w, z, right);
+template <>
+void scale_slots<6>(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                    double* z) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots6)(begin, end, point_begin, factors, w, z);
+}
+template <>
+void scale_slots<9>(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                    double* z) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots9)(begin, end, point_begin, factors, w, z);
 }
 
-void subtract_products(const double* z, const SlotPair* pairs, int count, double* target) {
-  HWY_DYNAMIC_DISPATCH(SubtractProducts)(z, pairs, count, target);
+template <>
+void add_right_side<6>(const double* z, const double* factors, const int* slots, const int* points, int count,
+                       double* right) {
+  HWY_DYNAMIC_DISPATCH(AddRightSide6)(z, factors, slots, points, count, right);
+}
+template <>
+void add_right_side<9>(const double* z, const double* factors, const int* slots, const int* points, int count,
+                       double* right) {
+  HWY_DYNAMIC_DISPATCH(AddRightSide9)(z, factors, slots, points, count, right);
+}
+
+template <>
+void subtract_products<6>(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+  HWY_DYNAMIC_DISPATCH(SubtractProducts6)(z, pairs, count, target, stride);
+}
+template <>
+void subtract_products<9>(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+  HWY_DYNAMIC_DISPATCH(SubtractProducts9)(z, pairs, count, target, stride);
 }
 
 }  // namespace raysfm

@@ -1,11 +1,18 @@
 #pragma once
 
+#include <cstddef>
+
 namespace raysfm {
 
-// 6x3 blocks of the points' elimination are kept by columns of eight numbers, the last two of each zero, so
-// that a column is whole vectors.
+// A block of the points' elimination, N rows (6 or 9, the unknowns of a pose) by 3 columns, is kept by
+// columns of the first eight rows (the last two of six are zero), so that a column is whole vectors; the
+// ninth row follows.
 inline constexpr int kCrossRows = 8;
-inline constexpr int kCrossSize = 3 * kCrossRows;
+template <int N>
+inline constexpr int kCrossSize = N == 9 ? 32 : 24;
+constexpr int cross_place(int row, int column) {
+  return row < kCrossRows ? kCrossRows * column + row : 3 * kCrossRows + column;
+}
 
 // Z_row Z_column^T, one term of a block of the reduced system.
 struct SlotPair {
@@ -25,13 +32,18 @@ struct PointBlock {
 inline constexpr int kFactorSize = 9;
 void factorize_points(const PointBlock* points, int count, double damping, double* factors);
 
-// For every slot s of point p, point_begin[p] <= s < point_begin[p + 1]: Z_s = W_s L^-T, and Z_s y is added
-// to the eight numbers of `right` of the slot's pose. `factors` holds L^-1 (6, lower by rows) and y (3) of
-// each point.
-void scale_slots(int point_count, const int* point_begin, const int* pose_of_slot, const double* factors,
-                 const double* w, double* z, double* right);
+// For every slot s of point p, begin <= p < end, point_begin[p] <= s < point_begin[p + 1]: Z_s = W_s L^-T.
+template <int N>
+void scale_slots(int begin, int end, const int* point_begin, const double* factors, const double* w,
+                 double* z);
 
-// target (6x6 by columns) -= sum of the products of the pairs.
-void subtract_products(const double* z, const SlotPair* pairs, int count, double* target);
+// right (N) += sum of Z_s y over the slots, `points` naming the point of each.
+template <int N>
+void add_right_side(const double* z, const double* factors, const int* slots, const int* points, int count,
+                    double* right);
+
+// target (N x N by columns of this stride) -= sum of the products of the pairs.
+template <int N>
+void subtract_products(const double* z, const SlotPair* pairs, int count, double* target, size_t stride);
 
 }  // namespace raysfm

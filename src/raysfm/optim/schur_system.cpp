@@ -6,6 +6,9 @@
 namespace raysfm {
 namespace {
 
+constexpr int kPointChunk = 512;       // points, a multiple of the eight that are factorised together
+constexpr int kPairsPerChunk = 20000;  // pairs of slots
+
 // What the damping is relative to.
 double scale_of(double diagonal) {
   return diagonal == 0 ? 1.0 : diagonal;
@@ -13,28 +16,31 @@ double scale_of(double diagonal) {
 
 }  // namespace
 
-void SchurSystem::set_structure(int pose_count, std::span<const int> point_begin,
-                                std::span<const int> pose_of_slot) {
+template <int N>
+void SchurSystem<N>::set_structure(int pose_count, std::span<const int> point_begin,
+                                   std::span<const int> pose_of_slot) {
   pose_count_ = pose_count;
   point_count_ = static_cast<int>(point_begin.size()) - 1;
   point_begin_.assign(point_begin.begin(), point_begin.end());
   pose_of_slot_.assign(pose_of_slot.begin(), pose_of_slot.end());
+  list_slots_of_poses();
   if (pose_count > BlockCholesky::kDense) find_pattern();
   reduced_.analyze(pose_count, pattern_begin_, pattern_);
   list_products();
+  cut_work();
   poses_.resize(pose_count);
   points_.resize(point_count_);
-  cross_.resize(kCrossSize * pose_of_slot.size());
-  scaled_.resize(kCrossSize * pose_of_slot.size());
-  eliminated_.resize(kCrossRows * poses_.size());
+  cross_.resize(kCrossSize<N> * pose_of_slot.size());
+  scaled_.resize(kCrossSize<N> * pose_of_slot.size());
   factors_.resize(kFactorSize * (points_.size() + 7));
-  right_.resize(6 * poses_.size());
-  pose_steps_.resize(6 * poses_.size());
+  right_.resize(N * poses_.size());
+  work_.resize(N * poses_.size());
+  pose_steps_.resize(N * poses_.size());
   point_steps_.resize(3 * points_.size());
 }
 
-// Which poses see a point in common, pose by pose.
-void SchurSystem::find_pattern() {
+template <int N>
+void SchurSystem<N>::list_slots_of_poses() {
   point_of_slot_.resize(pose_of_slot_.size());
   slot_begin_.assign(pose_count_ + 1, 0);
   for (int p = 0; p < point_count_; ++p) {
@@ -45,17 +51,30 @@ void SchurSystem::find_pattern() {
   }
   for (int i = 0; i < pose_count_; ++i) slot_begin_[i + 1] += slot_begin_[i];
   slots_of_pose_.resize(pose_of_slot_.size());
+  points_of_pose_.resize(pose_of_slot_.size());
   marks_.assign(slot_begin_.begin(), slot_begin_.end() - 1);
-  for (size_t s = 0; s < pose_of_slot_.size(); ++s)
-    slots_of_pose_[marks_[pose_of_slot_[s]]++] = static_cast<int>(s);
+  for (size_t s = 0; s < pose_of_slot_.size(); ++s) {
+    const int place = marks_[pose_of_slot_[s]]++;
+    slots_of_pose_[place] = static_cast<int>(s);
+    points_of_pose_[place] = point_of_slot_[s];
+  }
+}
 
+template <int N>
+std::span<const int> SchurSystem<N>::slots_of_pose(int i) const {
+  return std::span(slots_of_pose_).subspan(slot_begin_[i], slot_begin_[i + 1] - slot_begin_[i]);
+}
+
+// Which poses see a point in common, pose by pose.
+template <int N>
+void SchurSystem<N>::find_pattern() {
   marks_.assign(pose_count_, -1);
   pattern_begin_.assign(1, 0);
   pattern_.clear();
   for (int i = 0; i < pose_count_; ++i) {
     marks_[i] = i;
     for (int k = slot_begin_[i]; k < slot_begin_[i + 1]; ++k) {
-      const int p = point_of_slot_[slots_of_pose_[k]];
+      const int p = points_of_pose_[k];
       for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
         const int j = pose_of_slot_[s];
         if (marks_[j] == i) continue;
@@ -67,93 +86,150 @@ void SchurSystem::find_pattern() {
   }
 }
 
-void SchurSystem::list_products() {
-  listed_pairs_.clear();
-  pair_target_.clear();
-  const auto add = [&](int row_slot, int column_slot, int target) {
-    listed_pairs_.push_back({row_slot, column_slot});
-    pair_target_.push_back(target);
-  };
-  for (int p = 0; p < point_count_; ++p) {
-    for (int a = point_begin_[p]; a < point_begin_[p + 1]; ++a) {
-      const int position_a = reduced_.position(pose_of_slot_[a]);
-      add(a, a, reduced_.diagonal(position_a));
-      for (int b = a + 1; b < point_begin_[p + 1]; ++b) {
-        const int position_b = reduced_.position(pose_of_slot_[b]);
-        if (position_a < position_b) {
-          add(b, a, reduced_.find(position_b, position_a));
-        } else {
-          add(a, b, reduced_.find(position_a, position_b));
-        }
-      }
+// use(position of the row, pair) for the products in the column of a pose, by ascending point.
+template <int N>
+template <typename Use>
+void SchurSystem<N>::for_each_pair(int pose, Use use) const {
+  const int column = reduced_.position(pose);
+  for (int k = slot_begin_[pose]; k < slot_begin_[pose + 1]; ++k) {
+    const int p = points_of_pose_[k];
+    for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
+      const int row = reduced_.position(pose_of_slot_[s]);
+      if (row >= column) use(row, SlotPair{s, slots_of_pose_[k]});
     }
   }
-  sort_products();
 }
 
-// Stable, so that each sum runs over the points in their order.
-void SchurSystem::sort_products() {
-  pair_begin_.assign(reduced_.block_count() + 1, 0);
-  for (int target : pair_target_) ++pair_begin_[target + 1];
+// Block by block, so that each sum runs over the points in their order and stays in registers.
+template <int N>
+void SchurSystem<N>::list_products() {
   runs_.clear();
-  for (size_t target = 0; target < reduced_.block_count(); ++target) {
-    pair_begin_[target + 1] += pair_begin_[target];
-    if (pair_begin_[target + 1] == pair_begin_[target]) continue;
-    runs_.push_back({static_cast<int>(target), pair_begin_[target], pair_begin_[target + 1]});
+  size_t count = 0;
+  for (int p = 0; p < point_count_; ++p) {
+    const size_t length = point_begin_[p + 1] - point_begin_[p];
+    count += length * (length + 1) / 2;
   }
-  pairs_.resize(listed_pairs_.size());
-  for (size_t k = 0; k < listed_pairs_.size(); ++k) pairs_[pair_begin_[pair_target_[k]]++] = listed_pairs_[k];
+  pairs_.resize(count);
+  marks_.assign(pose_count_, 0);  // pairs of each row in the column
+  place_.resize(pose_count_);
+  offsets_.resize(pose_count_);
+  pattern_.clear();  // rows of the column that have pairs
+  int64_t end = 0;
+  for (int pose = 0; pose < pose_count_; ++pose) {
+    const int column = reduced_.position(pose);
+    reduced_.column_offsets(column, offsets_);
+    for_each_pair(pose, [&](int row, SlotPair) {
+      if (marks_[row]++ == 0) pattern_.push_back(row);
+    });
+    const size_t stride = reduced_.stride(column);
+    for (int row : pattern_) {
+      place_[row] = end;
+      runs_.push_back({offsets_[row], stride, end, end + marks_[row]});
+      end += marks_[row];
+      marks_[row] = 0;
+    }
+    for_each_pair(pose, [&](int row, SlotPair pair) { pairs_[place_[row]++] = pair; });
+    pattern_.clear();
+  }
 }
 
-void SchurSystem::set_zero() {
+template <int N>
+void SchurSystem<N>::cut_work() {
+  run_chunks_.assign(1, 0);
+  int64_t begin = 0;
+  for (size_t k = 0; k < runs_.size(); ++k) {
+    if (runs_[k].end - begin < kPairsPerChunk) continue;
+    run_chunks_.push_back(static_cast<int>(k) + 1);
+    begin = runs_[k].end;
+  }
+  if (run_chunks_.back() != static_cast<int>(runs_.size())) {
+    run_chunks_.push_back(static_cast<int>(runs_.size()));
+  }
+}
+
+template <int N>
+void SchurSystem<N>::set_zero() {
   std::fill(poses_.begin(), poses_.end(), PoseBlock{});
   std::fill(points_.begin(), points_.end(), PointBlock{});
   std::fill(cross_.begin(), cross_.end(), 0.0);
 }
 
-LmStep SchurSystem::solve(double damping) {
-  factorize_points(points_.data(), point_count_, damping, factors_.data());
-  std::fill(eliminated_.begin(), eliminated_.end(), 0.0);
-  scale_slots(point_count_, point_begin_.data(), pose_of_slot_.data(), factors_.data(), cross_.data(),
-              scaled_.data(), eliminated_.data());
-  reduce(damping);
-  if (!reduced_.factorize()) return {};
-  reduced_.solve(right_);
+template <int N>
+LmStep SchurSystem<N>::solve(double damping, WorkTeam& team) {
+  eliminate_points(damping, team);
+  reduce(damping, team);
+  if (!reduced_.factorize(team)) return {};
+  reduced_.solve(right_, work_);
   for (int i = 0; i < pose_count_; ++i) {
-    std::copy_n(&right_[6 * static_cast<size_t>(reduced_.position(i))], 6,
-                &pose_steps_[6 * static_cast<size_t>(i)]);
+    std::copy_n(&right_[N * static_cast<size_t>(reduced_.position(i))], N,
+                &pose_steps_[N * static_cast<size_t>(i)]);
   }
-  substitute_points();
+  team.run((point_count_ + kPointChunk - 1) / kPointChunk, [&](int chunk) {
+    const int begin = chunk * kPointChunk;
+    substitute_points(begin, std::min(point_count_, begin + kPointChunk));
+  });
   const double decrease = predicted_decrease(damping);
   return {std::isfinite(decrease), decrease};
 }
 
-void SchurSystem::reduce(double damping) {
+template <int N>
+void SchurSystem<N>::eliminate_points(double damping, WorkTeam& team) {
+  team.run((point_count_ + kPointChunk - 1) / kPointChunk, [&](int chunk) {
+    const int begin = chunk * kPointChunk, end = std::min(point_count_, begin + kPointChunk);
+    double* factors = &factors_[kFactorSize * static_cast<size_t>(begin)];
+    // The last of eight points of a chunk are its own: kPointChunk is a multiple of eight.
+    factorize_points(&points_[begin], end - begin, damping, factors);
+    scale_slots<N>(begin, end, point_begin_.data(), factors_.data(), cross_.data(), scaled_.data());
+  });
+}
+
+template <int N>
+void SchurSystem<N>::reduce(double damping, WorkTeam& team) {
   reduced_.set_zero();
-  for (int i = 0; i < pose_count_; ++i) {
+  const bool share = run_chunks_.size() > 2;
+  const auto set_pose = [&](int i) {
     const int position = reduced_.position(i);
-    double* diagonal = reduced_.block(reduced_.diagonal(position));
-    std::copy_n(poses_[i].u, 36, diagonal);
-    for (int k = 0; k < 6; ++k) {
-      diagonal[7 * k] += damping * scale_of(diagonal[7 * k]);
-      right_[6 * static_cast<size_t>(position) + k] =
-          eliminated_[kCrossRows * static_cast<size_t>(i) + k] - poses_[i].gradient[k];
+    double* diagonal = reduced_.values() + reduced_.offset(position, position);
+    const size_t stride = reduced_.stride(position);
+    double* right = &right_[N * static_cast<size_t>(position)];
+    for (int c = 0; c < N; ++c) {
+      for (int r = c; r < N; ++r) diagonal[stride * c + r] = poses_[i].u[N * c + r];
+      diagonal[stride * c + c] += damping * scale_of(poses_[i].u[N * c + c]);
+      right[c] = -poses_[i].gradient[c];
     }
-  }
-  for (const ProductRun& run : runs_) {
-    subtract_products(scaled_.data(), &pairs_[run.begin], run.end - run.begin, reduced_.block(run.target));
+    const int begin = slot_begin_[i];
+    add_right_side<N>(scaled_.data(), factors_.data(), slots_of_pose_.data() + begin,
+                      points_of_pose_.data() + begin, slot_begin_[i + 1] - begin, right);
+  };
+  const auto subtract = [&](int chunk) {
+    for (int k = run_chunks_[chunk]; k < run_chunks_[chunk + 1]; ++k) {
+      const ProductRun& run = runs_[k];
+      subtract_products<N>(scaled_.data(), &pairs_[run.begin], static_cast<int>(run.end - run.begin),
+                           reduced_.values() + run.target, run.stride);
+    }
+  };
+  const int chunks = static_cast<int>(run_chunks_.size()) - 1;
+  if (share) {
+    team.run(pose_count_, set_pose);
+    team.run(chunks, subtract);
+  } else {
+    for (int i = 0; i < pose_count_; ++i) set_pose(i);
+    for (int chunk = 0; chunk < chunks; ++chunk) subtract(chunk);
   }
 }
 
-void SchurSystem::substitute_points() {
-  for (int p = 0; p < point_count_; ++p) {
-    const double* inverse = &factors_[kFactorSize * static_cast<size_t>(p)];
+template <int N>
+void SchurSystem<N>::substitute_points(int begin, int end) {
+  for (int p = begin; p < end; ++p) {
+    const double* inverse = point_factor(p);
     double y[3] = {inverse[6], inverse[7], inverse[8]};
     for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
-      const double* z = &scaled_[kCrossSize * static_cast<size_t>(s)];
+      const double* z = scaled(s);
       const double* d = pose_step(pose_of_slot_[s]);
       for (int k = 0; k < 3; ++k) {
-        for (int r = 0; r < 6; ++r) y[k] += z[kCrossRows * k + r] * d[r];
+        double sum = 0;
+        for (int r = 0; r < N; ++r) sum += z[cross_place(r, k)] * d[r];
+        y[k] += sum;
       }
     }
     double* step = &point_steps_[3 * static_cast<size_t>(p)];
@@ -164,23 +240,40 @@ void SchurSystem::substitute_points() {
 }
 
 // The quadratic model at the solution d of (H + lambda D) d = -g: 1/2 (lambda d^T D d - g^T d).
-double SchurSystem::predicted_decrease(double damping) const {
+template <int N>
+double SchurSystem<N>::predicted_decrease(double damping) const {
   double sum = 0;
   for (int i = 0; i < pose_count_; ++i) {
     const double* d = pose_step(i);
-    for (int k = 0; k < 6; ++k) {
-      sum += d[k] * (damping * scale_of(poses_[i].u[7 * k]) * d[k] - poses_[i].gradient[k]);
+    for (int k = 0; k < N; ++k) {
+      sum += d[k] * (damping * scale_of(poses_[i].u[(N + 1) * k]) * d[k] - poses_[i].gradient[k]);
     }
   }
   for (int p = 0; p < point_count_; ++p) {
     const double* d = point_step(p);
     const double* v = points_[p].v;
     const double diagonal[3] = {v[0], v[3], v[5]};
+    double part = 0;
     for (int k = 0; k < 3; ++k) {
-      sum += d[k] * (damping * scale_of(diagonal[k]) * d[k] - points_[p].gradient[k]);
+      part += d[k] * (damping * scale_of(diagonal[k]) * d[k] - points_[p].gradient[k]);
     }
+    sum += part;
   }
   return 0.5 * sum;
 }
+
+template <int N>
+void SchurSystem<N>::solve_reduced(std::span<double> b) {
+  for (int i = 0; i < pose_count_; ++i) {
+    std::copy_n(&b[N * static_cast<size_t>(i)], N, &right_[N * static_cast<size_t>(reduced_.position(i))]);
+  }
+  reduced_.solve(right_, work_);
+  for (int i = 0; i < pose_count_; ++i) {
+    std::copy_n(&right_[N * static_cast<size_t>(reduced_.position(i))], N, &b[N * static_cast<size_t>(i)]);
+  }
+}
+
+template class SchurSystem<6>;
+template class SchurSystem<9>;
 
 }  // namespace raysfm

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -7,14 +8,15 @@
 #include "raysfm/optim/block_cholesky.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/schur_kernels.h"
+#include "raysfm/optim/work_team.h"
 
 namespace raysfm {
 
 // The normal equations of a bundle adjustment and their damped solution (LBA09 appendix A).
 //
-//     | U1             W11  0   W13  W14 |  | dc1 |     | gc1 |     m poses, 6 numbers each: U is 6x6
+//     | U1             W11  0   W13  W14 |  | dc1 |     | gc1 |     m poses, N numbers each: U is NxN
 //     |      U2        W21  W22  0   W24 |  | dc2 |     | gc2 |     n points, 3 numbers each: V is 3x3
-//     |           U3    0   W32  W33  0  |  | dc3 |     | gc3 |     W is 6x3 and exists where the pose sees
+//     |           U3    0   W32  W33  0  |  | dc3 |     | gc3 |     W is Nx3 and exists where the pose sees
 //     | .    .    .    V1                |  | dp1 | = - | gp1 |     the point: a *slot*
 //     | .    .    .         V2           |  | dp2 |     | gp2 |
 //     | .    .    .              V3      |  | dp3 |     | gp3 |     g = J^T r, and the diagonal is multiplied
@@ -25,12 +27,14 @@ namespace raysfm {
 //     S dc = -gc + sum Z y,   S_ij = U_ij - sum Z_i Z_j^T over the points that both i and j see,
 //     dp = -L^-T (y + sum Z^T dc)
 //
-// Memory only grows; between set_structure() and the last solve() nothing is allocated.
+// N is 6 (a pose) or 9 (a pose and a lens). Memory only grows: structures no larger than an earlier one
+// allocate nothing, and solve() never does. The bits of the result do not depend on the threads.
+template <int N>
 class SchurSystem {
  public:
   struct PoseBlock {
-    double u[36];        // U by columns, lower triangle
-    double gradient[6];  // gc
+    double u[N * N];     // U by columns, lower triangle
+    double gradient[N];  // gc
   };
 
   // Slots of point p: point_begin[p] <= slot < point_begin[p + 1]; pose_of_slot names the pose of each,
@@ -41,49 +45,74 @@ class SchurSystem {
   int point_count() const { return point_count_; }
   int slot_count() const { return static_cast<int>(pose_of_slot_.size()); }
 
-  void set_zero();
+  // set_structure() leaves the numbers unspecified.
   PoseBlock& pose(int i) { return poses_[i]; }
+  const PoseBlock& pose(int i) const { return poses_[i]; }
   PointBlock& point(int p) { return points_[p]; }
-  // W, three columns of kCrossRows numbers of which six are used.
-  double* cross(int slot) { return &cross_[kCrossSize * static_cast<size_t>(slot)]; }
+  const PointBlock& point(int p) const { return points_[p]; }
+  // W at cross_place(row, column); what is no place must be zero.
+  double* cross(int slot) { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
+  const double* cross(int slot) const { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
+  void set_zero();
 
   // Solves with the diagonal times 1 + damping (an exact zero counts as 1, so that what is not observed
   // stays).
-  LmStep solve(double damping);
+  LmStep solve(double damping, WorkTeam& team);
 
   // The last solution.
-  const double* pose_step(int i) const { return &pose_steps_[6 * static_cast<size_t>(i)]; }
+  const double* pose_step(int i) const { return &pose_steps_[N * static_cast<size_t>(i)]; }
   const double* point_step(int p) const { return &point_steps_[3 * static_cast<size_t>(p)]; }
+
+  // After solve(): S^-1 b in place, N numbers by pose.
+  void solve_reduced(std::span<double> b);
+  // After solve(): L^-1 (6, lower by rows) of a point, and Z of a slot.
+  const double* point_factor(int p) const { return &factors_[kFactorSize * static_cast<size_t>(p)]; }
+  const double* scaled(int slot) const { return &scaled_[kCrossSize<N> * static_cast<size_t>(slot)]; }
+  std::span<const int> slots_of_pose(int i) const;
+  int point_of_slot(int slot) const { return point_of_slot_[slot]; }
+  int pose_of_slot(int slot) const { return pose_of_slot_[slot]; }
+  int point_begin(int p) const { return point_begin_[p]; }
 
  private:
   // Pairs [begin, end) of slots belong to one block of the reduced system.
   struct ProductRun {
-    int target, begin, end;
+    size_t target, stride;
+    int64_t begin, end;
   };
 
+  void list_slots_of_poses();
   void find_pattern();
   void list_products();
-  void sort_products();
-  void reduce(double damping);
-  void substitute_points();
+  template <typename Use>
+  void for_each_pair(int pose, Use use) const;
+  void cut_work();
+  void eliminate_points(double damping, WorkTeam& team);
+  void reduce(double damping, WorkTeam& team);
+  void substitute_points(int begin, int end);
   double predicted_decrease(double damping) const;
 
   int pose_count_ = 0, point_count_ = 0;
-  std::vector<int> point_begin_, pose_of_slot_;
+  std::vector<int> point_begin_, pose_of_slot_, point_of_slot_;
+  std::vector<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
   std::vector<PoseBlock> poses_;
   std::vector<PointBlock> points_;
   AlignedVector<double> cross_;
 
-  std::vector<int> pattern_begin_, pattern_, slot_begin_, slots_of_pose_, point_of_slot_, marks_;
-  std::vector<int> pair_target_, pair_begin_;
-  std::vector<SlotPair> listed_pairs_, pairs_;  // before and after sorting by block
+  std::vector<int> pattern_begin_, pattern_, marks_;
+  std::vector<size_t> offsets_;
+  std::vector<int64_t> place_;
+  std::vector<SlotPair> pairs_;
   std::vector<ProductRun> runs_;
-  BlockCholesky reduced_;
-  std::vector<double> factors_;       // per point: L^-1 and y
-  AlignedVector<double> scaled_;      // Z per slot, laid out as W
-  AlignedVector<double> eliminated_;  // sum of Z y by pose, kCrossRows numbers of which six are used
-  std::vector<double> right_;         // right hand side and solution of S, by position
+  std::vector<int> run_chunks_;  // the runs are shared out in these chunks
+  BlockCholesky reduced_{N};
+  std::vector<double> factors_;   // per point: L^-1 and y
+  AlignedVector<double> scaled_;  // Z per slot, laid out as W
+  std::vector<double> right_;     // right hand side and solution of S, by position
+  std::vector<double> work_;
   std::vector<double> pose_steps_, point_steps_;
 };
+
+extern template class SchurSystem<6>;
+extern template class SchurSystem<9>;
 
 }  // namespace raysfm

@@ -1,26 +1,29 @@
 #include "raysfm/optim/schur_system.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <Eigen/Dense>
 #include <algorithm>
 
 #include "raysfm/core/random.h"
+#include "support/instruction_sets.h"
 
 namespace raysfm {
 namespace {
 
 // Random Jacobians of a bundle: two residuals for each slot, of one pose and one point. The dense normal
 // equations are formed from the whole Jacobian, the blocks from the rows of each slot.
+template <int N>
 struct RandomBundle {
   int poses, points;
   std::vector<int> point_begin{0}, pose_of_slot;
   Eigen::MatrixXd h;
   Eigen::VectorXd g;
-  SchurSystem system;
+  SchurSystem<N> system;
+  WorkTeam team;
 
-  RandomBundle(int poses, int points, int longest_track, uint64_t seed) : poses(poses), points(points) {
+  RandomBundle(int poses, int points, int longest_track, uint64_t seed, int threads = 1, bool dense = true)
+      : poses(poses), points(points), team(threads) {
     Rng rng(seed);
     for (int p = 0; p < points; ++p) {
       const int length =
@@ -31,28 +34,38 @@ struct RandomBundle {
     }
     system.set_structure(poses, point_begin, pose_of_slot);
     system.set_zero();
-    fill(rng);
+    fill(rng, dense);
   }
 
-  void fill(Rng& rng) {
-    const int columns = 6 * poses + 3 * points;
+  // The whole Jacobian is only made where `dense`: it is large.
+  void fill(Rng& rng, bool dense) {
+    const int columns = N * poses + 3 * points;
     const int slots = static_cast<int>(pose_of_slot.size());
-    Eigen::MatrixXd j = Eigen::MatrixXd::Zero(2 * slots + 3 * points, columns);
+    const auto random = [&](int rows, int cols) {
+      Eigen::MatrixXd m(rows, cols);
+      for (double& x : m.reshaped()) x = rng.normal();
+      return m;
+    };
+    Eigen::MatrixXd j = Eigen::MatrixXd::Zero(dense ? 2 * slots + 3 * points : 0, columns);
     Eigen::VectorXd r(j.rows());
-    for (double& x : r) x = rng.normal();
     for (int p = 0; p < points; ++p) {
+      const int point_column = N * poses + 3 * p;
       for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
-        for (int row = 2 * s; row < 2 * s + 2; ++row) {
-          for (int k = 0; k < 6; ++k) j(row, 6 * pose_of_slot[s] + k) = rng.normal();
-          for (int k = 0; k < 3; ++k) j(row, 6 * poses + 3 * p + k) = rng.normal();
-        }
-        add_slot(j, r, s, p);
+        const Eigen::MatrixXd jc = random(2, N), jp = random(2, 3), rs = random(2, 1);
+        add_slot(jc, jp, rs, s, p);
+        if (!dense) continue;
+        j.block(2 * s, N * pose_of_slot[s], 2, N) = jc;
+        j.block(2 * s, point_column, 2, 3) = jp;
+        r.segment(2 * s, 2) = rs;
       }
       // Three rows of the point alone, as fixed poses give.
-      const int row = 2 * slots + 3 * p;
-      for (int k = 0; k < 9; ++k) j(row + k / 3, 6 * poses + 3 * p + k % 3) = rng.normal();
-      add_point(j.block<3, 3>(row, 6 * poses + 3 * p), r.segment(row, 3), p);
+      const Eigen::MatrixXd jp = random(3, 3), rp = random(3, 1);
+      add_point(jp, rp, p);
+      if (!dense) continue;
+      j.block(2 * slots + 3 * p, point_column, 3, 3) = jp;
+      r.segment(2 * slots + 3 * p, 3) = rp;
     }
+    if (!dense) return;
     h = j.transpose() * j;
     g = j.transpose() * r;
   }
@@ -65,31 +78,32 @@ struct RandomBundle {
     for (int k = 0; k < 3; ++k) system.point(p).gradient[k] += gp[k];
   }
 
-  void add_slot(const Eigen::MatrixXd& j, const Eigen::VectorXd& r, int s, int p) {
+  void add_slot(const Eigen::MatrixXd& jc, const Eigen::MatrixXd& jp, const Eigen::VectorXd& r, int s,
+                int p) {
     const int i = pose_of_slot[s];
-    const Eigen::MatrixXd jc = j.block(2 * s, 6 * i, 2, 6), jp = j.block(2 * s, 6 * poses + 3 * p, 2, 3);
-    add_point(jp, r.segment(2 * s, 2), p);
-    Eigen::Map<Eigen::Matrix<double, 6, 6>>(system.pose(i).u) += jc.transpose() * jc;
-    Eigen::Map<Eigen::Matrix<double, 6, 1>>(system.pose(i).gradient) += jc.transpose() * r.segment(2 * s, 2);
-    const Eigen::Matrix<double, 6, 3> w = jc.transpose() * jp;
+    add_point(jp, r, p);
+    Eigen::Map<Eigen::Matrix<double, N, N>>(system.pose(i).u) += jc.transpose() * jc;
+    Eigen::Map<Eigen::Matrix<double, N, 1>>(system.pose(i).gradient) += jc.transpose() * r;
+    const Eigen::Matrix<double, N, 3> w = jc.transpose() * jp;
     for (int c = 0; c < 3; ++c) {
-      for (int k = 0; k < 6; ++k) system.cross(s)[kCrossRows * c + k] += w(k, c);
+      for (int k = 0; k < N; ++k) system.cross(s)[cross_place(k, c)] += w(k, c);
     }
   }
 
   Eigen::VectorXd step() const {
-    Eigen::VectorXd d(6 * poses + 3 * points);
+    Eigen::VectorXd d(N * poses + 3 * points);
     for (int i = 0; i < poses; ++i)
-      d.segment<6>(6 * i) = Eigen::Map<const Eigen::VectorXd>(system.pose_step(i), 6);
+      d.segment(N * i, N) = Eigen::Map<const Eigen::VectorXd>(system.pose_step(i), N);
     for (int p = 0; p < points; ++p) {
-      d.segment<3>(6 * poses + 3 * p) = Eigen::Map<const Eigen::VectorXd>(system.point_step(p), 3);
+      d.segment(N * poses + 3 * p, 3) = Eigen::Map<const Eigen::VectorXd>(system.point_step(p), 3);
     }
     return d;
   }
 };
 
-void expect_dense_solution(RandomBundle& bundle, double damping) {
-  const LmStep step = bundle.system.solve(damping);
+template <int N>
+void expect_dense_solution(RandomBundle<N>& bundle, double damping) {
+  const LmStep step = bundle.system.solve(damping, bundle.team);
   ASSERT_TRUE(step.valid);
   Eigen::MatrixXd damped = bundle.h;
   for (int k = 0; k < damped.rows(); ++k) {
@@ -108,42 +122,44 @@ TEST(SchurSystem, IsTheDenseSolution) {
   for (const auto& c : cases) {
     for (double damping : {1e-6, 1e-2, 10.0}) {
       SCOPED_TRACE(testing::Message() << c.poses << " poses, damping " << damping);
-      RandomBundle bundle(c.poses, c.points, c.longest_track, c.poses);
+      RandomBundle<6> bundle(c.poses, c.points, c.longest_track, c.poses);
       expect_dense_solution(bundle, damping);
+      RandomBundle<9> with_lenses(c.poses, c.points, c.longest_track, c.poses);
+      expect_dense_solution(with_lenses, damping);
     }
   }
 }
 
 TEST(SchurSystem, PosesAloneAndPointsAlone) {
-  RandomBundle points_only(0, 20, 0, 3);
+  RandomBundle<6> points_only(0, 20, 0, 3);
   expect_dense_solution(points_only, 1e-3);
-  RandomBundle poses_only(2, 0, 0, 3);
+  RandomBundle<6> poses_only(2, 0, 0, 3);
   expect_dense_solution(poses_only, 1e-3);  // nothing observed: nothing moves
 }
 
 TEST(SchurSystem, WhatIsNotObservedStays) {
-  RandomBundle bundle(4, 30, 2, 8);
+  RandomBundle<6> bundle(4, 30, 2, 8);
   std::fill_n(bundle.system.pose(1).u, 36, 0.0);
   std::fill_n(bundle.system.pose(1).gradient, 6, 0.0);
   for (int s = 0; s < bundle.system.slot_count(); ++s) {
-    if (bundle.pose_of_slot[s] == 1) std::fill_n(bundle.system.cross(s), kCrossSize, 0.0);
+    if (bundle.pose_of_slot[s] == 1) std::fill_n(bundle.system.cross(s), kCrossSize<6>, 0.0);
   }
-  ASSERT_TRUE(bundle.system.solve(1e-4).valid);
+  ASSERT_TRUE(bundle.system.solve(1e-4, bundle.team).valid);
   for (int k = 0; k < 6; ++k) EXPECT_EQ(bundle.system.pose_step(1)[k], 0.0);
 }
 
 TEST(SchurSystem, NotFiniteIsNotValid) {
-  RandomBundle bundle(4, 30, 3, 8);
+  RandomBundle<6> bundle(4, 30, 3, 8);
   bundle.system.point(5).gradient[1] = NAN;
-  EXPECT_FALSE(bundle.system.solve(1e-4).valid);
+  EXPECT_FALSE(bundle.system.solve(1e-4, bundle.team).valid);
   bundle.system.point(5).gradient[1] = 0;
   bundle.system.pose(2).u[0] = INFINITY;
-  EXPECT_FALSE(bundle.system.solve(1e-4).valid);
+  EXPECT_FALSE(bundle.system.solve(1e-4, bundle.team).valid);
 }
 
 // A point held by one ray: V has rank two and only the damping keeps it apart from singular.
 TEST(SchurSystem, PointOnOneRay) {
-  RandomBundle bundle(3, 20, 3, 4);
+  RandomBundle<6> bundle(3, 20, 3, 4);
   PointBlock& point = bundle.system.point(0);
   const double a[3] = {1, 2, 3}, b[3] = {2, -1, 0.5};
   int k = 0;
@@ -151,10 +167,10 @@ TEST(SchurSystem, PointOnOneRay) {
     for (int j = i; j < 3; ++j) point.v[k++] = a[i] * a[j] + b[i] * b[j];
   }
   for (int s = bundle.point_begin[0]; s < bundle.point_begin[1]; ++s)
-    std::fill_n(bundle.system.cross(s), kCrossSize, 0);
+    std::fill_n(bundle.system.cross(s), kCrossSize<6>, 0);
   for (int i = 0; i < 3; ++i) point.gradient[i] = a[i] + b[i];
   for (double damping : {1e-10, 1e-4}) {
-    ASSERT_TRUE(bundle.system.solve(damping).valid);
+    ASSERT_TRUE(bundle.system.solve(damping, bundle.team).valid);
     // The step undoes a and b: a . d = -1 and b . d = -1.
     const double* d = bundle.system.point_step(0);
     EXPECT_NEAR(a[0] * d[0] + a[1] * d[1] + a[2] * d[2], -1, 1e-3);
@@ -162,19 +178,22 @@ TEST(SchurSystem, PointOnOneRay) {
   }
 }
 
-TEST(SchurSystem, SameBitsOnEveryInstructionSet) {
+template <int N>
+void expect_same_bits() {
   std::vector<Eigen::VectorXd> steps;
-  const int64_t supported = hwy::SupportedTargets();
-  for (int64_t targets = supported; targets != 0; targets &= targets - 1) {
-    hwy::SetSupportedTargetsForTest(targets & -targets);
-    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-    RandomBundle bundle(30, 50, 8, 2);
-    ASSERT_TRUE(bundle.system.solve(1e-4).valid);
+  const auto solve = [&](int threads) {
+    RandomBundle<N> bundle(30, 1500, 8, 2, threads, false);  // more points than one thread takes at a time
+    ASSERT_TRUE(bundle.system.solve(1e-4, bundle.team).valid);
     steps.push_back(bundle.step());
-  }
-  hwy::SetSupportedTargetsForTest(0);
-  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  };
+  testing_support::for_each_instruction_set([&](const char*) { solve(1); });
+  for (int threads : {2, 3}) solve(threads);
   for (const Eigen::VectorXd& step : steps) EXPECT_EQ(step, steps.front());
+}
+
+TEST(SchurSystem, InstructionSetsAndThreadsChangeNoBit) {
+  expect_same_bits<6>();
+  expect_same_bits<9>();
 }
 
 }  // namespace

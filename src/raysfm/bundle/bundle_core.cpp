@@ -1,0 +1,335 @@
+#include "raysfm/bundle/bundle_core.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <utility>
+#include <variant>
+
+#include "raysfm/bundle/residual.h"
+
+namespace raysfm {
+namespace {
+
+using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+constexpr int kChunk = 4;          // blocks of lanes
+constexpr int kPointChunk = 1024;  // points
+
+template <int N>
+void clear_lane(ObservationBlock<N>& block, int k) {
+  for (auto& row : block.x) row[k] = 0;
+  for (auto& row : block.residual) row[k] = 0;
+  for (auto& row : block.jacobian) row[k] = 0;
+  for (auto& row : block.lens) row[k] = 0;
+  block.weight[k] = 0;
+}
+
+}  // namespace
+
+template <int N>
+void BundleCore<N>::State::load(const BundleProblem& problem, size_t lane_count) {
+  poses.assign(problem.rig_from_world.begin(), problem.rig_from_world.end());
+  lenses.assign(problem.lenses.begin(), problem.lenses.end());
+  points.assign(problem.points.begin(), problem.points.end());
+  lane_cost.assign(lane_count, 0.0);
+}
+
+template <int N>
+bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& options) {
+  problem_ = problem;
+  loss_ = options.loss;
+  if (!team_ || team_->threads() != options.threads) team_ = std::make_unique<WorkTeam>(options.threads);
+  layout_.build(problem);
+  const size_t lanes = layout_.lanes.size();
+  active_.resize(lanes);
+  active_count_ = dropped_ = 0;
+  for (size_t k = 0; k < lanes; ++k) {
+    active_[k] = layout_.lanes[k].observation >= 0;
+    active_count_ += active_[k];
+  }
+  is_lost_.assign(lanes, 0);
+  lost_.clear();
+  lost_.reserve(lanes);
+  chunk_cost_.resize(layout_.chunks.size());
+  chunk_loses_.resize(layout_.chunks.size());
+  point_terms_.resize(9 * lanes);
+  load_rays();
+  current_.load(problem, lanes);
+  trial_.load(problem, lanes);
+  if (layout_.poses.empty() && layout_.points.empty()) return false;
+  system_.set_structure(static_cast<int>(layout_.poses.size()), layout_.point_begin, layout_.pose_of_slot);
+  return true;
+}
+
+template <int N>
+void BundleCore<N>::load_rays() {
+  if (problem_.rays.empty()) return;
+  rays_.resize(layout_.lanes.size() / kBundleLanes);
+  for (size_t k = 0; k < layout_.lanes.size(); ++k) {
+    const int i = layout_.lanes[k].observation;
+    const ObservedRay ray = i >= 0 ? problem_.rays[i] : ObservedRay{};
+    RayBlock& block = rays_[k / kBundleLanes];
+    const size_t lane = k % kBundleLanes;
+    for (int c = 0; c < 3; ++c) block.origin[c][lane] = ray.origin[c];
+    for (int c = 0; c < 3; ++c) block.direction[c][lane] = ray.direction[c];
+    for (int c = 0; c < 6; ++c) block.tangents[c][lane] = ray.tangents(c / 3, c % 3);
+  }
+}
+
+template <int N>
+void BundleCore<N>::store() const {
+  for (int i : layout_.poses) problem_.rig_from_world[i] = current_.poses[i];
+  for (int p : layout_.points) problem_.points[p] = current_.points[p];
+  if constexpr (N == 9) {
+    for (int i : layout_.poses) problem_.lenses[i] = current_.lenses[i];
+  }
+}
+
+template <int N>
+double BundleCore<N>::linearize() {
+  current_cost_ = work(current_, true);
+  drop_lost();
+  return current_cost_;
+}
+
+// The state that the step of the system leads to.
+template <int N>
+void BundleCore<N>::move(State& state) const {
+  for (size_t i = 0; i < layout_.poses.size(); ++i) {
+    const int pose = layout_.poses[i];
+    const double* step = system_.pose_step(static_cast<int>(i));
+    state.poses[pose] = retract(current_.poses[pose], Eigen::Map<const Eigen::Matrix<double, 6, 1>>(step));
+    if constexpr (N == 9) {
+      const BalLens& lens = current_.lenses[pose];
+      state.lenses[pose] = {lens.f + step[6], lens.k1 + step[7], lens.k2 + step[8]};
+    }
+  }
+  for (size_t p = 0; p < layout_.points.size(); ++p) {
+    const Eigen::Map<const Eigen::Vector3d> step(system_.point_step(static_cast<int>(p)));
+    state.points[layout_.points[p]] = current_.points[layout_.points[p]] + step;
+  }
+}
+
+template <int N>
+LmTrial BundleCore<N>::evaluate(bool linearize) {
+  move(trial_);
+  trial_cost_ = work(trial_, linearize);
+  if (!lost_.empty()) {
+    shorten_steps_of_lost();
+    trial_cost_ = work(trial_, linearize);
+  }
+  if (lost_.empty()) return {current_cost_, trial_cost_};
+  constexpr size_t kMostLost = 50;  // one in so many
+  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_)) return {current_cost_, INFINITY};
+  return {cost_without_lost(current_), trial_cost_};
+}
+
+template <int N>
+void BundleCore<N>::accept() {
+  drop_lost();
+  std::swap(current_, trial_);
+  current_cost_ = trial_cost_;
+}
+
+template <int N>
+bool BundleCore<N>::has_residual(const State& state, int lane) const {
+  const int i = layout_.lanes[lane].observation;
+  const BundleObservation& o = problem_.observations[i];
+  const BalLens lens = N == 9 ? state.lenses[o.pose] : BalLens{};
+  Eigen::Vector2d unused;
+  return residual_of(problem_, i, state.poses[o.pose], lens, state.points[o.point], &unused);
+}
+
+template <int N>
+void BundleCore<N>::shorten_steps_of_lost() {
+  constexpr int kMostTries = 4;
+  for (int k : lost_) {
+    const int p = layout_.lanes[k].point;
+    for (int i = 0; i < kMostTries && !has_residual(trial_, k); ++i) {
+      trial_.points[p] = current_.points[p] + 0.25 * (trial_.points[p] - current_.points[p]);
+    }
+  }
+}
+
+template <int N>
+void BundleCore<N>::drop_lost() {
+  for (int k : lost_) active_[k] = 0;
+  active_count_ -= static_cast<int>(lost_.size());
+  dropped_ += static_cast<int>(lost_.size());
+  lost_.clear();
+}
+
+template <int N>
+double BundleCore<N>::cost_without_lost(const State& state) {
+  for (int k : lost_) active_[k] = 0;
+  double sum = 0;
+  for (size_t k = 0; k < active_.size(); ++k) sum += active_[k] ? state.lane_cost[k] : 0.0;
+  for (int k : lost_) active_[k] = 1;
+  return sum;
+}
+
+// Costs of all active lanes, and the normal equations if asked. Lanes without a residual go to lost_ and are
+// in neither.
+template <int N>
+double BundleCore<N>::work(State& state, bool linearize) {
+  const int chunks = static_cast<int>(layout_.chunks.size()) - 1;
+  team_->run(chunks, [&](int chunk) { chunk_cost_[chunk] = work_on_chunk(chunk, state, linearize); });
+  if (linearize) {
+    const int points = static_cast<int>(layout_.points.size());
+    team_->run((points + kPointChunk - 1) / kPointChunk, [&](int chunk) {
+      sum_points(chunk * kPointChunk, std::min(points, (chunk + 1) * kPointChunk));
+    });
+  }
+  collect_lost();
+  double cost = 0;
+  for (int chunk = 0; chunk < chunks; ++chunk) cost += chunk_cost_[chunk];
+  return cost;
+}
+
+template <int N>
+void BundleCore<N>::collect_lost() {
+  lost_.clear();
+  for (size_t chunk = 0; chunk + 1 < layout_.chunks.size(); ++chunk) {
+    if (!chunk_loses_[chunk]) continue;
+    for (int g = layout_.chunks[chunk]; g < layout_.chunks[chunk + 1]; ++g) {
+      for (int k = layout_.groups[g].begin; k < layout_.groups[g].end; ++k) {
+        if (is_lost_[k]) lost_.push_back(k);
+      }
+    }
+  }
+}
+
+template <int N>
+double BundleCore<N>::work_on_chunk(int chunk, State& state, bool linearize) {
+  double cost = 0;
+  const int begin = layout_.chunks[chunk], end = layout_.chunks[chunk + 1];
+  for (int g = begin; g < end; ++g) cost += work_on_group(layout_.groups[g], state, linearize);
+  chunk_loses_[chunk] = 0;
+  if (begin < end) {
+    const auto lanes = is_lost_.begin();
+    const int first = layout_.groups[begin].begin, last = layout_.groups[end - 1].end;
+    chunk_loses_[chunk] = std::find(lanes + first, lanes + last, 1) != lanes + last;
+  }
+  return cost;
+}
+
+template <int N>
+double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State& state, bool linearize) {
+  const double *u = layout_.u.data(), *v = layout_.v.data();
+  if constexpr (N == 9) {
+    return work_on_lanes(group, LensResidual(state.lenses[group.pose], u, v), state, linearize);
+  } else {
+    if (!problem_.rays.empty()) return work_on_lanes(group, AngularResidual(rays_.data()), state, linearize);
+    const Camera& camera = problem_.cameras[group.camera];
+    return std::visit(
+        [&](const auto& model) {
+          return work_on_lanes(group, PixelResidual(camera, model, u, v), state, linearize);
+        },
+        camera.model);
+  }
+}
+
+// By chunks of a few blocks: what one loop writes lane by lane, the next reads by whole vectors, and the
+// processor stalls when the two come too close.
+template <int N>
+double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual,
+                                    State& state, bool linearize) {
+  const Rigid3& pose = state.poses[group.pose];
+  const RowMajor3 rotation = pose.rotation.toRotationMatrix();
+  const bool moves = linearize && group.system_pose >= 0;
+  PoseSums<N> sums;
+  if (moves) std::memset(&sums, 0, sizeof(sums));
+  Block blocks[kChunk];
+  double lane_sums[kBundleLanes] = {};
+  for (int begin = group.begin; begin < group.end; begin += kChunk * kBundleLanes) {
+    const int count = std::min(kChunk, (group.end - begin) / kBundleLanes);
+    for (int i = 0; i < count; ++i) {
+      for (int k = 0; k < kBundleLanes; ++k) {
+        const Eigen::Vector3d& p = state.points[layout_.lanes[begin + i * kBundleLanes + k].point];
+        for (int c = 0; c < 3; ++c) blocks[i].x[c][k] = p[c];
+      }
+    }
+    for (int i = 0; i < count; ++i) {
+      transform_points(rotation.data(), pose.translation.data(), &blocks[i]);
+      residual.evaluate(begin + i * kBundleLanes, linearize, &blocks[i]);
+    }
+    for (int i = 0; i < count; ++i) {
+      score_block(begin + i * kBundleLanes, blocks[i], state.lane_cost, lane_sums);
+    }
+    if (!linearize) continue;
+    for (int i = 0; i < count; ++i) {
+      if (moves) {
+        point_and_pose_terms(rotation.data(), &blocks[i], &sums);
+      } else {
+        point_terms(rotation.data(), &blocks[i]);
+      }
+    }
+    for (int i = 0; i < count; ++i) store_block(begin + i * kBundleLanes, blocks[i]);
+  }
+  if (moves) {
+    auto& block = system_.pose(group.system_pose);
+    if (group.opens_pose) block = {};
+    add_pose_sums(sums, block.u, block.gradient);
+  }
+  double cost = 0;
+  for (double sum : lane_sums) cost += sum;
+  return cost;
+}
+
+// Costs and weights of eight lanes from their residuals.
+template <int N>
+void BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums) {
+  const RobustLoss loss = loss_;
+  for (int k = 0; k < kBundleLanes; ++k) {
+    const double squared = block.squared[k];
+    const bool finite = std::isfinite(squared), active = active_[begin + k];
+    is_lost_[begin + k] = active && !finite;
+    if (!active || !finite) {
+      clear_lane(block, k);
+      continue;
+    }
+    lane_cost[begin + k] = 0.5 * loss.cost(squared);
+    lane_sums[k] += lane_cost[begin + k];
+    block.weight[k] = loss.weight(squared);
+  }
+}
+
+template <int N>
+void BundleCore<N>::store_block(int begin, const Block& block) {
+  std::memcpy(&point_terms_[9 * static_cast<size_t>(begin)], block.point, sizeof(block.point));
+  for (int k = 0; k < kBundleLanes; ++k) {
+    const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
+    if (lane.slot < 0) continue;
+    double* cross = system_.cross(lane.slot);
+    if (lane.opens_slot) {
+      for (int c = 0; c < 3; ++c) {
+        for (int r = 0; r < N; ++r) cross[cross_place(r, c)] = block.cross[N * c + r][k];
+      }
+    } else {
+      for (int c = 0; c < 3; ++c) {
+        for (int r = 0; r < N; ++r) cross[cross_place(r, c)] += block.cross[N * c + r][k];
+      }
+    }
+  }
+}
+
+template <int N>
+void BundleCore<N>::sum_points(int begin, int end) {
+  for (int p = begin; p < end; ++p) {
+    double sum[9] = {};
+    for (int k = layout_.lane_begin[p]; k < layout_.lane_begin[p + 1]; ++k) {
+      const int lane = layout_.lanes_of_point[k];
+      const double* terms = &point_terms_[9 * static_cast<size_t>(lane - lane % kBundleLanes)];
+      for (int c = 0; c < 9; ++c) sum[c] += terms[kBundleLanes * c + lane % kBundleLanes];
+    }
+    PointBlock& point = system_.point(p);
+    std::copy_n(sum, 6, point.v);
+    std::copy_n(sum + 6, 3, point.gradient);
+  }
+}
+
+template class BundleCore<6>;
+template class BundleCore<9>;
+
+}  // namespace raysfm

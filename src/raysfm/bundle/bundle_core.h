@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "raysfm/bundle/block_residual.h"
+#include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/bundle/normal_kernel.h"
+#include "raysfm/bundle/observation_layout.h"
+#include "raysfm/optim/aligned_vector.h"
+#include "raysfm/optim/schur_system.h"
+
+namespace raysfm {
+
+// The state of one adjustment, for levenberg_marquardt() and for the covariance. N is 6, or 9 where the poses
+// have lenses. Memory only grows.
+template <int N>
+class BundleCore {
+ public:
+  // False where nothing moves. The problem must be valid and stay where it is until store().
+  bool load(const BundleProblem& problem, const BundleOptions& options);
+  void store() const;
+  int used() const { return active_count_; }
+  int dropped() const { return dropped_; }
+
+  double linearize();
+  LmStep solve(double damping) { return system_.solve(damping, *team_); }
+  LmTrial evaluate(bool linearize);
+  void accept();
+
+  const ObservationLayout& layout() const { return layout_; }
+  SchurSystem<N>& system() { return system_; }
+  WorkTeam& team() { return *team_; }
+
+ private:
+  // Poses, points and what each lane costs there.
+  struct State {
+    std::vector<Rigid3> poses;
+    std::vector<BalLens> lenses;
+    std::vector<Eigen::Vector3d> points;
+    std::vector<double> lane_cost;
+    void load(const BundleProblem& problem, size_t lane_count);
+  };
+  using Block = ObservationBlock<N>;
+
+  void load_rays();
+  void move(State& state) const;
+  double work(State& state, bool linearize);
+  double work_on_chunk(int chunk, State& state, bool linearize);
+  double work_on_group(const ObservationLayout::Group& group, State& state, bool linearize);
+  double work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual, State& state,
+                       bool linearize);
+  void score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums);
+  void store_block(int begin, const Block& block);
+  void sum_points(int begin, int end);
+  bool has_residual(const State& state, int lane) const;
+  void collect_lost();
+  void shorten_steps_of_lost();
+  void drop_lost();
+  double cost_without_lost(const State& state);
+
+  BundleProblem problem_;
+  RobustLoss loss_;
+  std::unique_ptr<WorkTeam> team_;
+  ObservationLayout layout_;
+  SchurSystem<N> system_;
+  State current_, trial_;
+  AlignedVector<RayBlock> rays_;       // by block of lanes
+  AlignedVector<double> point_terms_;  // V and gp of each lane, nine rows of eight for a block
+  std::vector<double> chunk_cost_;
+  std::vector<uint8_t> active_;   // by lane: an inlier that has a residual
+  std::vector<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass
+  std::vector<int> lost_;
+  std::vector<uint8_t> chunk_loses_;
+  int active_count_ = 0, dropped_ = 0;
+  double current_cost_ = 0, trial_cost_ = 0;
+};
+
+extern template class BundleCore<6>;
+extern template class BundleCore<9>;
+
+}  // namespace raysfm

@@ -1,0 +1,31 @@
+#pragma once
+
+namespace raysfm {
+
+// Observations are worked on eight at a time, lane beside lane.
+inline constexpr int kBundleLanes = 8;
+
+// What the errors fill, for eight observations of one pose. Lanes whose point has no residual get an infinite
+// `squared`; their other numbers are then unspecified.
+struct alignas(64) ResidualBlock {
+  double x[3][kBundleLanes];         // in: the point in the rig's frame
+  double residual[2][kBundleLanes];  // r
+  double jacobian[6][kBundleLanes];  // A = dr/dx by rows
+  double squared[kBundleLanes];      // |r|^2
+};
+
+// Eight observations of one pose. With x = R X + t the point in the rig's frame, A = dr/dx, B = dr/d(f, k1,
+// k2) where the pose has a lens (N = 9), and weight w:
+//   point side   Jp = A R              V = w Jp^T Jp,  gp = w Jp^T r
+//   pose side    Jc = [A, -A [x]x, B]  U = w Jc^T Jc,  gc = w Jc^T r,  W = w Jc^T Jp
+// (left tangent of rig_from_world, geometry/pose.h).
+template <int N>
+struct alignas(64) ObservationBlock : ResidualBlock {
+  double lens[N == 9 ? 6 : 1][kBundleLanes];  // B by rows
+  double weight[kBundleLanes];                // lanes of weight zero may hold any finite numbers
+  // Out.
+  double point[9][kBundleLanes];      // V: xx, xy, xz, yy, yz, zz; gp
+  double cross[3 * N][kBundleLanes];  // W, Nx3 by columns
+};
+
+}  // namespace raysfm
