@@ -60,11 +60,13 @@ struct Miss {
   }
 };
 
-// Newton's method from `pixel` with Broyden's updates of the derivative. Steps are halved until they stay
-// where the camera sees something and bring f down; no step is longer than `max_step`.
+// Newton's method from `pixel`. Steps are halved until they stay where the camera sees something and bring f
+// down; none is longer than `max_step`, and a first one that would be starts too far away. While f falls fast
+// the derivative follows by Broyden's updates, else it is computed again.
 bool solve(const Miss& miss, double max_step, Eigen::Vector2d* pixel) {
   constexpr int kMaxIterations = 30, kMaxHalvings = 8;
   constexpr double kTolerance = 1e-8, kDifference = 0.25;  // pixels
+  constexpr double kFast = 0.1;
   Eigen::Vector2d p = *pixel, f;
   Eigen::Matrix2d j;
   if (!miss(p, &f) || !miss.jacobian(p, f, kDifference, &j)) return false;
@@ -72,27 +74,24 @@ bool solve(const Miss& miss, double max_step, Eigen::Vector2d* pixel) {
   for (int i = 0; i < kMaxIterations; ++i) {
     Eigen::Vector2d step = -(j.inverse() * f);
     const double length = step.norm();
-    if (!(length <= max_step)) {
-      if (!(length < 1e9) || i == 0) return false;
-      step *= max_step / length;
-    }
-    if (length < kTolerance && fresh) return *pixel = p + step, true;
+    if (!std::isfinite(length) || (i == 0 && length > max_step)) return false;
+    if (length < kTolerance) return *pixel = p + step, true;
+    step *= std::min(1.0, max_step / length);
     Eigen::Vector2d next = p + step, next_f;
     int halvings = 0;
-    while (!miss(next, &next_f) || !(next_f.squaredNorm() < f.squaredNorm())) {
-      if (++halvings > kMaxHalvings) break;
+    while (halvings <= kMaxHalvings && (!miss(next, &next_f) || !(next_f.squaredNorm() < f.squaredNorm()))) {
+      ++halvings;
       next = p + (step *= 0.5);
     }
-    if (halvings > kMaxHalvings) {
-      if (length < kTolerance) return *pixel = p, true;
-      if (fresh || !miss.jacobian(p, f, kDifference, &j)) return false;
-      fresh = true;
-      continue;
+    const bool moved = halvings <= kMaxHalvings;
+    if (!moved && fresh) return false;
+    fresh = !moved || next_f.norm() > kFast * f.norm();
+    if (!fresh) j += (next_f - f - j * step) * step.transpose() / step.squaredNorm();
+    if (moved) {
+      p = next;
+      f = next_f;
     }
-    j += (next_f - f - j * step) * step.transpose() / step.squaredNorm();
-    fresh = halvings == 0;
-    p = next;
-    f = next_f;
+    if (fresh && !miss.jacobian(p, f, kDifference, &j)) return false;
   }
   return false;
 }

@@ -6,26 +6,10 @@
 #include <string>
 #include <utility>
 
+#include "raysfm/camera/cubic_weights.h"
+
 namespace raysfm {
 namespace {
-
-// Weights of the four control points around a position at the fraction t of a cell, and their derivatives.
-struct CubicWeights {
-  double value[4];
-  double slope[4];
-
-  explicit CubicWeights(double t) {
-    const double s = 1 - t;
-    value[0] = s * s * s / 6;
-    value[1] = 2.0 / 3 - t * t * (1 - 0.5 * t);
-    value[2] = 2.0 / 3 - s * s * (1 - 0.5 * s);
-    value[3] = t * t * t / 6;
-    slope[0] = -0.5 * s * s;
-    slope[1] = -t * (2 - 1.5 * t);
-    slope[2] = s * (2 - 1.5 * s);
-    slope[3] = 0.5 * t * t;
-  }
-};
 
 // A pixel's place in the grid.
 struct GridPosition {
