@@ -12,13 +12,13 @@
 
 #include "commands.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/atomic_file.h"
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/image_writer.h"
-#include "raysfm/io/trajectory_file.h"
 #include "raysfm/synth/motion.h"
 #include "raysfm/synth/sequence.h"
 #include "raysfm/synth/world.h"
+#include "setting_flags.h"
+#include "synth_output.h"
 
 namespace raysfm::app {
 namespace {
@@ -33,85 +33,43 @@ void on_signal(int signal) {
 
 struct Arguments {
   synth::SequenceOptions sequence;
+  int threads = 0;
   std::string out, camera;
   bool list = false;
 };
 
+std::vector<SettingField> setting_fields(Arguments& a) {
+  synth::SequenceOptions& o = a.sequence;
+  return {
+      {"world", "what to film", &o.world, {}},
+      {"camera", "camera file; default: 512 x 384 pinhole, 64 degrees wide", &a.camera, {}},
+      {"motion", "how the camera moves; default: the world's own", &o.motion, {}},
+      {"frames", "number of frames; default: the world's own", &o.frames, {}},
+      {"fps", "frames per second; default: the world's own", &o.fps, {}},
+      {"length",
+       "metres of motion drive, walk, look and straight; default: at their usual speed",
+       &o.length,
+       {}},
+      {"zoom", "factor by which the focal length grows over the sequence; writes lens.csv", &o.zoom, {}},
+      {"noise", "standard deviation of the noise, grey levels", &o.render.noise, {}},
+      {"blur", "seconds the shutter stays open", &o.render.shutter, {}},
+      {"rolling-shutter", "seconds from the first row of an image to the last", &o.render.readout, {}},
+      {"samples", "rays per pixel: 1, 4, 9 or 16", &o.render.samples, {}},
+      {"seed", "seed of every random choice", &o.seed, {}},
+      {"threads", "worker threads; 0 for as many as the machine has", &a.threads, {}},
+  };
+}
+
 void print_list() {
   std::puts("worlds:");
   for (const auto& w : synth::world_list()) {
-    std::fputs(fmt::format("  {:<10} {}; drive of {:g} m\n", w.name, w.description, w.usual_length).c_str(),
+    std::fputs(fmt::format("  {:<10} {}; way of {:g} m\n", w.name, w.description, w.usual_length).c_str(),
                stdout);
   }
   std::puts("motions:");
   for (const auto& m : synth::motion_list()) {
     std::fputs(fmt::format("  {:<10} {}\n", m.name, m.description).c_str(), stdout);
   }
-}
-
-// Where the images of a rig's cameras go: images/, or cam0/, cam1/, ...
-fs::path image_folder(const fs::path& out, size_t cameras, size_t camera) {
-  return out / (cameras == 1 ? "images" : fmt::format("cam{}", camera));
-}
-
-// The folders, empty: images of another sequence among ours would not fit to times.txt.
-Result<void> prepare_folders(const fs::path& out, size_t cameras) {
-  std::error_code error;
-  for (size_t i = 0; i < cameras; ++i) {
-    const fs::path folder = image_folder(out, cameras, i);
-    fs::create_directories(folder, error);
-    if (error) return bad_input(fmt::format("{}: cannot be created: {}", folder.string(), error.message()));
-    if (!fs::is_empty(folder, error) || error) {
-      return bad_input(
-          fmt::format("--out: {} is not empty, a new or empty folder is allowed", folder.string()));
-    }
-  }
-  return {};
-}
-
-// The rig as it is written beside its images: every camera has a stream of its own, seen whole.
-Rig with_own_streams(Rig rig) {
-  for (size_t i = 0; i < rig.cameras.size(); ++i) {
-    rig.cameras[i].stream = static_cast<int>(i);
-    rig.cameras[i].roi = {};
-    rig.cameras[i].mask_path.clear();
-  }
-  return rig;
-}
-
-// lens.csv, or lens0.csv, lens1.csv, ... where there are several cameras.
-Result<void> write_lens(const synth::Sequence& sequence, const Rig& rig, int frames, const fs::path& out) {
-  for (size_t c = 0; c < rig.cameras.size(); ++c) {
-    std::string text = "timestamp,fx,fy,cx,cy,skew\n";
-    for (int i = 0; i < frames; ++i) {
-      const synth::Lens lens = *synth::lens_of(sequence.camera(i, static_cast<int>(c)));
-      text += fmt::format("{:.9f},{:.9g},{:.9g},{:.9g},{:.9g},0\n", sequence.timestamp(i), lens.fx, lens.fy,
-                          lens.cx, lens.cy);
-    }
-    const std::string name = rig.cameras.size() == 1 ? "lens.csv" : fmt::format("lens{}.csv", c);
-    if (auto r = write_file(out / name, text); !r) return r;
-  }
-  return {};
-}
-
-// Everything beside the images, for the first `frames` frames.
-Result<void> write_truth(const synth::Sequence& sequence, const Rig& rig, int frames, const fs::path& out) {
-  Trajectory truth;
-  std::string times;
-  for (int i = 0; i < frames; ++i) {
-    truth.timestamps.push_back(sequence.timestamp(i));
-    truth.world_from_cam.push_back(sequence.world_from_rig(i));
-    times += fmt::format("{:.9f}\n", sequence.timestamp(i));
-  }
-  const synth::SequenceOptions& o = sequence.options();
-  const std::string header =
-      fmt::format("exact poses of world {}, motion {}, seed {}; metres, world from {}", o.world, o.motion,
-                  o.seed, rig.cameras.size() == 1 ? "camera" : "rig");
-  if (auto r = write_file(out / "times.txt", times); !r) return r;
-  if (auto r = write_trajectory(truth, header, out / "truth.txt"); !r) return r;
-  // A camera file would be wrong for all frames of a zoom but one.
-  return sequence.zooms() ? write_lens(sequence, rig, frames, out)
-                          : write_camera_file(rig, out / "camera.yaml");
 }
 
 class Progress {
@@ -133,8 +91,7 @@ class Progress {
 
 // Renders until the end or a signal; images are compressed while the next ones are rendered. The value is the
 // number of frames written whole.
-Result<int> render_all(synth::Sequence& sequence, size_t cameras, const fs::path& out, bool quiet,
-                       ThreadPool& pool) {
+Result<int> render_all(synth::Sequence& sequence, const SynthOutput& output, bool quiet, ThreadPool& pool) {
   Progress progress(quiet, sequence.frames());
   std::deque<std::future<Result<void>>> writing;
   const auto wait_for_one = [&]() -> Result<void> {
@@ -146,9 +103,9 @@ Result<int> render_all(synth::Sequence& sequence, size_t cameras, const fs::path
   Result<void> failure;
   int frame = 0;
   for (; frame < sequence.frames() && !received_signal && failure; ++frame) {
-    for (size_t c = 0; c < cameras; ++c) {
-      auto image = std::make_shared<Image<uint8_t>>(sequence.render(frame, static_cast<int>(c)));
-      const fs::path path = image_folder(out, cameras, c) / fmt::format("{:06d}.png", frame);
+    for (const SynthStream& stream : output.streams()) {
+      auto image = std::make_shared<Image<uint8_t>>(output.render(sequence, frame, stream));
+      const fs::path path = stream.folder / fmt::format("{:06d}.png", frame);
       writing.push_back(pool.submit([image, path] { return write_color_png(path, image->view()); }));
     }
     while (writing.size() > most && failure) failure = wait_for_one();
@@ -162,6 +119,20 @@ Result<int> render_all(synth::Sequence& sequence, size_t cameras, const fs::path
   return frame;
 }
 
+// A configuration file names its camera file relative to itself.
+void find_camera(Arguments& arguments, bool on_command_line, const std::string& config) {
+  const fs::path camera = arguments.camera, beside = fs::path(config).parent_path() / camera;
+  std::error_code missing;
+  if (!on_command_line && camera.is_relative() && fs::exists(beside, missing)) {
+    arguments.camera = beside.string();
+  }
+}
+
+Result<Rig> read_rig(const std::string& camera) {
+  if (camera.empty()) return Rig{{synth::default_camera()}};
+  return read_camera_file(camera);
+}
+
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
   if (arguments.list) {
     print_list();
@@ -169,27 +140,24 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   }
   if (arguments.sequence.world.empty()) return bad_input("WORLD is missing; --list names them");
   if (arguments.out.empty()) return bad_input("--out is missing; it names the folder to write to");
-  if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
-  arguments.sequence.seed = common.seed;
-  Rig rig{{synth::default_camera()}};
-  if (!arguments.camera.empty()) {
-    Result<Rig> read = read_camera_file(arguments.camera);
-    if (!read) return read.error();
-    rig = with_own_streams(*std::move(read));
-  }
-  const unsigned threads = common.threads > 0 ? static_cast<unsigned>(common.threads)
-                                              : std::max(1u, std::thread::hardware_concurrency());
+  Result<Rig> rig = read_rig(arguments.camera);
+  if (!rig) return rig.error();
+  const unsigned threads = arguments.threads > 0 ? static_cast<unsigned>(arguments.threads)
+                                                 : std::max(1u, std::thread::hardware_concurrency());
   ThreadPool pool(static_cast<int>(threads) - 1);
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 
-  auto sequence = synth::Sequence::create(arguments.sequence, rig, pool);
+  auto sequence = synth::Sequence::create(arguments.sequence, *rig, pool);
   if (!sequence) return sequence.error();
-  if (auto r = prepare_folders(arguments.out, rig.cameras.size()); !r) return r.error();
+  Result<SynthOutput> output = SynthOutput::create(*std::move(rig), arguments.out);
+  if (!output) return output.error();
   const Clock::time_point start = Clock::now();
-  Result<int> frames = render_all(**sequence, rig.cameras.size(), arguments.out, common.quiet, pool);
+  const Result<int> frames = render_all(**sequence, *output, common.quiet, pool);
   if (!frames) return frames.error();
-  if (auto r = write_truth(**sequence, rig, *frames, arguments.out); !r) return r.error();
+  arguments.sequence = (*sequence)->options();
+  const std::string config = effective_config(setting_fields(arguments), {}, RAYSFM_VERSION);
+  if (auto r = output->write_rest(**sequence, *frames, config); !r) return r.error();
   if (!common.quiet) {
     const double seconds = milliseconds_since(start) / 1e3;
     std::printf("%d frames in %.1f s; written to %s\n", *frames, seconds, arguments.out.c_str());
@@ -202,25 +170,20 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
 Command add_synth(CLI::App& program, const CommonOptions& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* command = program.add_subcommand("synth", "render a sequence with exact truth");
-  synth::SequenceOptions& o = arguments->sequence;
-  command->add_option("WORLD", o.world, "what to film; --list names them");
+  std::vector<SettingField> flags = setting_fields(*arguments);
+  flags.erase(flags.begin());  // the world is an argument without a name
+  CLI::Option* world =
+      command->add_option("WORLD", arguments->sequence.world, "what to film; --list names them");
   command->add_option("--out", arguments->out, "folder to write: images, times.txt, truth.txt, camera.yaml");
-  command->add_option("--camera", arguments->camera,
-                      "camera file; default: 512 x 384 pinhole, 64 degrees wide");
-  command->add_option("--motion", o.motion, "how the camera moves; default: the world's own");
-  command->add_option("--frames", o.frames, "number of frames")->check(CLI::Range(1, 1000000));
-  command->add_option("--fps", o.fps, "frames per second")->check(CLI::PositiveNumber);
-  command->add_option("--length", o.length, "metres of motion drive")->check(CLI::PositiveNumber);
-  command
-      ->add_option("--zoom", o.zoom,
-                   "factor by which the focal length grows over the sequence; writes lens.csv")
-      ->capture_default_str();
-  command->add_option("--noise", o.render.noise, "standard deviation of the noise, grey levels")
-      ->capture_default_str();
-  command->add_option("--blur", o.render.shutter, "seconds the shutter stays open")->capture_default_str();
-  command->add_option("--samples", o.render.samples, "rays per pixel: 1, 4, 9 or 16")->capture_default_str();
+  add_setting_flags(*command, flags);
   command->add_flag("--list", arguments->list, "list worlds and motions");
-  return [arguments, &common] { return run(*arguments, common); };
+  return [arguments, command, world, &program, &common]() -> Result<int> {
+    const std::string given = arguments->sequence.world;
+    if (auto r = settle_settings(setting_fields(*arguments), *command, program, common); !r) return r.error();
+    if (world->count() > 0) arguments->sequence.world = given;
+    find_camera(*arguments, command->count("--camera") > 0, common.config);
+    return run(*arguments, common);
+  };
 }
 
 }  // namespace raysfm::app

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <numbers>
+#include <sstream>
 
 #include "raysfm/core/random.h"
 #include "raysfm/synth/curve.h"
@@ -76,6 +77,48 @@ Motion follow(const Curve& curve, double points_per_second, uint64_t seed) {
   };
 }
 
+// Carried along a curve by someone who walks: looks where the way leads a step or two on, now and then aside,
+// and sways with each step.
+Motion walk(const Curve& curve, double points_per_second, double spacing, uint64_t seed) {
+  Rng rng(seed, 15);
+  const double speed = points_per_second * spacing;     // metres per second
+  const double pace = kTwoPi * 1.6 * std::sqrt(speed);  // steps, radians per second
+  const double phase = rng.uniform(0, kTwoPi), other = rng.uniform(0, kTwoPi);
+  const double ahead = 1.2 / spacing;                                 // points on the curve
+  const Unrest3 look(rng, Vector3d(3, 9, 1.5) * kDegree, 0.04, 0.2);  // pitch, yaw, roll
+  const Unrest3 shake(rng, Vector3d(0.25, 0.25, 0.2) * kDegree, 0.8, 3.0);
+  const Unrest3 wander(rng, {0.03, 0.01, 0.03}, 0.05, 0.4);
+  return [=](double time) {
+    const double x = points_per_second * time, step = pace * time + phase, stride = 0.5 * pace * time + other;
+    const Vector3d gait = Vector3d(0.5 * std::sin(step), 0.7 * std::sin(stride), 0.6 * std::cos(stride));
+    const Vector3d w = look(time) + shake(time) + gait * kDegree;
+    const double yaw = yaw_of(curve.position(x + ahead) - curve.position(x));
+    const Vector3d sway(0.012 * std::sin(stride), 0.015 * std::cos(step), 0.008 * std::sin(step));
+    const Eigen::Quaterniond body(AngleAxisd(yaw, Vector3d::UnitY()));
+    return Rigid3{attitude(yaw + w.y(), w.x(), w.z()), curve.position(x) + body * (sway + wander(time))};
+  };
+}
+
+// Along a curve while turning far to all sides: every part of the motion comes with rotation.
+Motion look(const Curve& curve, double points_per_second, uint64_t seed) {
+  Rng rng(seed, 16);
+  const Unrest3 turn(rng, Vector3d(9, 40, 9) * kDegree, 0.06, 0.25);  // pitch, yaw, roll
+  const Unrest3 wander(rng, {0.06, 0.05, 0.06}, 0.05, 0.4);
+  return [=](double time) {
+    const double x = points_per_second * time;
+    const Vector3d w = turn(time);
+    return Rigid3{attitude(yaw_of(curve.derivative(x)) + w.y(), w.x(), w.z()),
+                  curve.position(x) + wander(time)};
+  };
+}
+
+// No rotation at all and a constant velocity.
+Motion straight(const Stage& stage, double speed) {
+  const Vector3d from = stage.straight_from, forward = stage.straight_direction;
+  const Eigen::Quaterniond rotation = attitude(yaw_of(forward), 0, 0);
+  return [=](double time) { return Rigid3{rotation, from + speed * time * forward}; };
+}
+
 Motion handheld(const Stage& stage, uint64_t seed) {
   Rng rng(seed, 12);
   const Unrest3 wander(rng, {0.35, 0.07, 0.25}, 0.05, 0.25);
@@ -121,6 +164,9 @@ Motion rotate(const Stage& stage, double duration, uint64_t seed) {
 const std::vector<MotionInfo>& motion_list() {
   static const std::vector<MotionInfo> motions = {
       {"drive", "along the way of the world, looking ahead"},
+      {"walk", "the same on foot: swaying with each step, looking about a little"},
+      {"look", "the same, turning far to all sides; gives scale to a rig without common view"},
+      {"straight", "a straight line without any rotation; gives no scale to a rig without common view"},
       {"loop", "once round a closed circuit, looking ahead"},
       {"handheld", "about one place, like someone who shows a room"},
       {"orbit", "round the centre of the world, looking at it"},
@@ -129,10 +175,25 @@ const std::vector<MotionInfo>& motion_list() {
   return motions;
 }
 
+bool has_length(std::string_view motion) {
+  return motion == "drive" || motion == "walk" || motion == "look" || motion == "straight";
+}
+
 Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionOptions& options) {
   const std::string& name = options.name.empty() ? habit.motion : options.name;
-  if (name == "drive") {
-    return follow(Curve(stage.way, false), options.length / stage.spacing / options.duration, options.seed);
+  const double speed = options.length / options.duration;  // metres per second
+  if (name == "drive") return follow(Curve(stage.way, false), speed / stage.spacing, options.seed);
+  if (name == "walk")
+    return walk(Curve(stage.way, false), speed / stage.spacing, stage.spacing, options.seed);
+  if (name == "look") return look(Curve(stage.way, false), speed / stage.spacing, options.seed);
+  if (name == "straight") {
+    if (options.length > stage.straight_length) {
+      std::ostringstream text;
+      text << "length: " << options.length << " m is not allowed, motion straight has room for "
+           << stage.straight_length << " m here";
+      return bad_input(text.str());
+    }
+    return straight(stage, speed);
   }
   if (name == "loop") {
     Curve circuit(stage.circuit, true);

@@ -65,7 +65,72 @@ TEST_P(Motions, AccelerationIsContinuous) {
 
 INSTANTIATE_TEST_SUITE_P(Everywhere, Motions,
                          testing::Combine(testing::Values("street", "room", "corridor", "board"),
-                                          testing::Values("drive", "loop", "handheld", "orbit", "rotate")));
+                                          testing::Values("drive", "walk", "look", "loop", "handheld",
+                                                          "orbit", "rotate")));
+
+TEST(Motion, WalkCoversItsLengthAndLooksAhead) {
+  struct Case {
+    const char* world;
+    double length, duration;
+  };
+  for (const auto& [name, length, duration] :
+       {Case{"room", 15, 20.4}, Case{"corridor", 20, 20}, Case{"street", 40, 60}, Case{"town", 40, 60}}) {
+    const Motion motion = motion_in(world_of(name), "walk", duration, length);
+    const double h = 1;  // a second or so averages over the steps
+    double way = 0, sideways = 0;
+    for (double t = 0; t + h <= duration; t += h) {
+      const Vector3d step = motion(t + h).translation - motion(t).translation;
+      way += step.norm();
+      const Vector3d ahead = motion(t + 0.5 * h).rotation * Vector3d::UnitZ();
+      sideways = std::max(sideways, std::acos(ahead.dot(step.normalized())));
+    }
+    EXPECT_NEAR(way, length, 0.12 * length) << name;
+    EXPECT_LT(sideways, 1.4) << name << ": radians off the way";
+  }
+}
+
+TEST(Motion, StraightIsWithoutAnyRotationOrAcceleration) {
+  for (const char* name : {"street", "town", "room", "corridor", "board"}) {
+    const World& world = world_of(name);
+    const double length = world.stage.straight_length;
+    const Motion motion = motion_in(world, "straight", 10, length);
+    const Vector3d velocity = (motion(10).translation - motion(0).translation) / 10;
+    EXPECT_NEAR(velocity.norm(), length / 10, 1e-9);
+    for (const double t : {1.0, 3.7, 9.2}) {
+      EXPECT_EQ(motion(t).rotation.coeffs(), motion(0).rotation.coeffs());
+      EXPECT_LT((motion(t).translation - motion(0).translation - t * velocity).norm(), 1e-9);
+    }
+    EXPECT_FALSE(make_motion(world.stage, world.habit, {"straight", 10, 1.01 * length, 0})) << name;
+  }
+}
+
+TEST(Motion, LookTurnsFarToAllSides) {
+  const Motion motion = motion_in(world_of("room"), "look", 20, 14);
+  double most = 0;
+  for (double t = 0; t < 20; t += 0.5) {
+    most = std::max(most, rotation_angle(motion(t).rotation * motion(0).rotation.conjugate()));
+  }
+  EXPECT_GT(most, 1.0);
+}
+
+// A wall that a camera walks through would be seen from behind.
+TEST(Motion, WalksKeepAwayFromWalls) {
+  for (const char* name : {"room", "corridor"}) {
+    const World& world = world_of(name);
+    const double length = name[0] == 'r' ? 15 : 20;
+    const Motion motion = motion_in(world, "walk", 20, length);
+    for (double t = 0; t < 20; t += 0.25) {
+      const Vector3d at = motion(t).translation;
+      if (name[0] == 'r') {
+        EXPECT_LT(std::abs(at.x()), 2.6) << t;
+        EXPECT_LT(std::abs(at.z()), 2.3) << t;
+      } else {
+        EXPECT_LT(std::abs(at.x()), 13.3) << t;
+      }
+      EXPECT_NEAR(at.y(), world.stage.eye.y(), 0.2);
+    }
+  }
+}
 
 TEST(Motion, RotateKeepsTheCentreExactly) {
   for (const char* name : {"street", "room", "corridor", "board", "town"}) {

@@ -233,13 +233,17 @@ void Renderer::develop_row(int y, uint64_t stream, uint8_t* bgr) const {
   }
   NoiseRow noise(options_.noise, options_.seed, stream);
   for (int x = 0; x < width_; ++x) {
-    const float grain = noise.next();
+    float sum[3] = {};
     for (int c = 0; c < 3; ++c) {
       const float* from =
           columns.data() + static_cast<size_t>(c) * n + static_cast<size_t>(x) * grid_.per_pixel;
-      float sum = grain + 0.5f;
-      for (int k = 0; k < taps; ++k) sum += tent_[static_cast<size_t>(k)] * from[k];
-      bgr[3 * x + 2 - c] = static_cast<uint8_t>(std::min(std::max(sum, 0.f), 255.f));
+      for (int k = 0; k < taps; ++k) sum[c] += tent_[static_cast<size_t>(k)] * from[k];
+    }
+    const bool dark =
+        sum[0] + sum[1] + sum[2] == 0;  // where the camera sees nothing there is no noise either
+    const float add = (dark ? 0.f : noise.next()) + 0.5f;
+    for (int c = 0; c < 3; ++c) {
+      bgr[3 * x + 2 - c] = static_cast<uint8_t>(std::min(std::max(sum[c] + add, 0.f), 255.f));
     }
   }
 }

@@ -25,6 +25,9 @@ Result<void> check(const SequenceOptions& o) {
     return refused("samples", samples, "1, 4, 9 and 16 are");
   }
   if (!within(o.render.noise, 0, 100)) return refused("noise", o.render.noise, "0 to 100 grey levels are");
+  if (!within(o.render.readout, 0, 10)) {
+    return refused("rolling-shutter", o.render.readout, "0 to 10 seconds are");
+  }
   if (!within(o.render.shutter, 0, 10)) return refused("blur", o.render.shutter, "0 to 10 seconds are");
   if (!within(o.zoom, 0.1, 10)) return refused("zoom", o.zoom, "0.1 to 10 are");
   return {};
@@ -53,19 +56,23 @@ Result<void> check(const Rig& rig, const SequenceOptions& options) {
   return {};
 }
 
-// Fills in what the world's habit says. A drive keeps the world's usual speed unless both its length and its
-// number of frames are given.
+// Fills in what the world's habit says. A motion keeps its usual speed unless both its length and its number
+// of frames are given.
 void fill_in(SequenceOptions& o, const World& world, double usual_length) {
+  constexpr double kWalkingSpeed = 0.8;  // metres per second
   const Habit& habit = world.habit;
-  const double usual_speed = usual_length * habit.fps / habit.frames;  // metres per second
   if (o.motion.empty()) o.motion = habit.motion;
   if (o.fps == 0) o.fps = habit.fps;
+  const double usual_speed = o.motion == "walk" || o.motion == "look"
+                                 ? kWalkingSpeed
+                                 : usual_length * habit.fps / habit.frames;  // metres per second
   if (o.frames == 0) {
     const double seconds =
-        o.length > 0 && o.motion == "drive" ? o.length / usual_speed : habit.frames / habit.fps;
+        o.length > 0 && has_length(o.motion) ? o.length / usual_speed : habit.frames / habit.fps;
     o.frames = std::max(1, static_cast<int>(std::lround(std::min(seconds * o.fps, 1e6))));
   }
-  if (o.length == 0) o.length = std::min(usual_speed * o.frames / o.fps, world.length);
+  const double most = o.motion == "straight" ? world.stage.straight_length : world.length;
+  if (o.length == 0) o.length = std::min(usual_speed * o.frames / o.fps, most);
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ struct SequenceOptions {
   std::string motion;
   int frames = 0;     // at most 1000000
   double fps = 0;     // Hz, at most 10000
-  double length = 0;  // metres of `drive`; else it goes at the world's usual speed
+  double length = 0;  // metres of drive, walk, look and straight; else they go at their usual speed
   double zoom = 1;    // the focal length grows by this factor from the first frame to the last; [0.1, 10]
   uint64_t seed = 0;
   RenderOptions render;  // its seed is replaced by the one above
@@ -40,6 +40,9 @@ class Sequence {
   bool zooms() const { return options_.zoom != 1; }
   // The camera as it is at a frame: the given one but for its focal lengths.
   Camera camera(int frame, int number) const;
+
+  // 255 where a pixel sees the world; see Renderer::mask. Of the camera that does not zoom.
+  GrayImage mask(int camera) const { return renderers_[static_cast<size_t>(camera)].mask(); }
 
   // Blue, green, red interleaved; see Renderer::render.
   Image<uint8_t> render(int frame, int camera);

@@ -20,7 +20,7 @@ const std::vector<WorldInfo>& world_list() {
   static const std::vector<WorldInfo> worlds = {
       {"street", "house fronts on both sides, people walking in front of the camera", 70},
       {"town", "a street out and back, with a half-turn round a monument", 500},
-      {"room", "a furnished room", 4},
+      {"room", "a furnished room", 15},
       {"corridor", "passages round a block, doors and pillars", 40},
       {"board", "two checkerboards at a right angle", 1},
   };

@@ -27,8 +27,10 @@ struct Light {
 // Where cameras may go in a world. Control points stand `spacing` metres apart and become a smooth curve, see
 // curve.h.
 struct Stage {
-  double spacing = 1;                    // metres
-  std::vector<Eigen::Vector3d> way;      // of `drive`, at eye height
+  double spacing = 1;                // metres
+  std::vector<Eigen::Vector3d> way;  // of `drive`, `walk` and `look`, at eye height
+  Eigen::Vector3d straight_from, straight_direction = Eigen::Vector3d::UnitZ();  // of `straight`; unit
+  double straight_length = 0;                                                    // metres
   std::vector<Eigen::Vector3d> circuit;  // of `loop`, closed: the first point follows the last
   Eigen::Vector3d eye;                   // `handheld` and `rotate` stand here
   double eye_yaw_deg = 0;                // looking this way, about the y axis, 0: along z
@@ -56,25 +58,25 @@ struct World {
   bool open_air = false;  // sky above; else rays that leave the world see black
   Stage stage;
   Habit habit;
-  double length = 0;                       // metres of `drive`
+  double length = 0;                       // metres of `way`
   std::vector<Eigen::Vector3d> landmarks;  // inner corners of the checkerboards, board by board, row by row
 };
 
 struct WorldInfo {
   std::string_view name;
   std::string_view description;
-  double usual_length;  // metres of `drive`
+  double usual_length;  // metres of way
 };
 
 // The worlds that make_world knows.
 const std::vector<WorldInfo>& world_list();
 
 struct WorldOptions {
-  double length = 0;  // metres that `drive` must have room for, up to 2000; 0: the world's usual length
+  double length = 0;  // metres that the way must have, up to 2000; 0: the world's usual length
   uint64_t seed = 0;  // of the arrangement
 };
 
-// Metres of `drive` in a world that make_world knows, else 0.
+// Metres of way in a world that make_world knows, else 0.
 double usual_length(std::string_view name);
 
 // A world is never shorter than usual, so that a shorter drive sees the same things. Error: unknown name, or

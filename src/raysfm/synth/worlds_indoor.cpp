@@ -131,8 +131,11 @@ World build_room(Builder b) {
   soften_light(w);
   Stage& s = w.stage;
   s.spacing = 0.4;
-  s.way = {};
-  for (int i = 0; i < 12; ++i) s.way.emplace_back(-1.9 + 0.05 * i, -1.5, -2.0 + 0.4 * i);
+  // Round the table, once and a bit.
+  const std::vector<Vector3d> round = rectangle(-2.0, 2.0, -1.6, 1.6, 1.5, s.spacing);
+  for (size_t i = 0; i < 44; ++i) s.way.push_back(round[i % round.size()]);
+  s.straight_from = {-1.9, -1.5, -1.9};
+  s.straight_length = 3.2;
   s.circuit = rectangle(-2.1, 2.1, -1.6, 1.6, 1.5, s.spacing);
   s.eye = {-0.9, -1.5, -1.8};
   s.eye_yaw_deg = 20;
@@ -194,6 +197,8 @@ World build_corridor(Builder b, double length) {
   std::reverse(s.circuit.begin() + 1, s.circuit.end());  // along z first
   const int points = static_cast<int>((length + 2.5 * s.spacing) / s.spacing) + 1;
   for (int i = 0; i < points; ++i) s.way.push_back(s.circuit[static_cast<size_t>(i + 1) % s.circuit.size()]);
+  s.straight_from = {0, -kEye, 0};
+  s.straight_length = z1 - 1;
   s.eye = {0, -kEye, 1.5};
   s.centre = {0, -1.4, 0.5 * z1};
   s.orbit_radius = 0.55;
@@ -246,6 +251,8 @@ World build_board(Builder b) {
   stage.spacing = 0.2;
   for (int i = 0; i < 14; ++i) stage.way.emplace_back(-0.6 + 0.1 * i, -0.1, -2.4 + 0.1 * i);
   stage.circuit = rectangle(-0.6, 0.6, -2.6, -1.6, 0.1, stage.spacing);
+  stage.straight_from = {0, -0.1, -2.6};
+  stage.straight_length = 1.2;
   stage.eye = {0, -0.1, -1.8};
   stage.centre = {0, 0, 0};
   stage.orbit_radius = 2.2;

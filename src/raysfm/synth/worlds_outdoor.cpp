@@ -159,6 +159,8 @@ World build_street(Builder b, double length) {
   for (double z = 0; z <= length + 2.5 * s.spacing; z += s.spacing) {
     s.way.emplace_back(0.45 * std::sin(2 * kPi * z / 46.0), -kEye, z);  // gentle changes of lane
   }
+  s.straight_from = {0, -kEye, 0};
+  s.straight_length = length;
   s.circuit = stadium(4, std::max(14.0, 0.5 * length), 1.6, s.spacing);
   s.eye = {0, -kEye, 3};
   s.centre = {0, -1.9, 0.5 * length};
@@ -207,6 +209,8 @@ World build_town(Builder b, double length) {
   }
   line.insert(line.end(), {{-kLane, -kEye, z1}, {-kLane, -kEye, -9}});
   s.way = evenly(line, s.spacing);
+  s.straight_from = line.front();
+  s.straight_length = z1;
   s.circuit = stadium(0, z1 - 3, kLane, s.spacing);
   s.eye = {0, -kEye, 3};
   s.centre = {0, -2.2, centre};
