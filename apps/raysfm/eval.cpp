@@ -111,7 +111,7 @@ Command add_eval(CLI::App& program, const CommonOptions& common) {
   CLI::App* command = program.add_subcommand("eval", "compare a trajectory with the truth");
   command
       ->add_option("ESTIMATE", options->estimate,
-                   "trajectory (TUM, or KITTI poses with times.txt beside them) or output folder")
+                   "trajectory (TUM, EuRoC, or KITTI poses with times.txt beside them) or output folder")
       ->required();
   command->add_option("TRUTH", options->truth, "trajectory, or folder of a sequence")->required();
   command->add_option("--align", options->align, "transform of the estimate that is left free")

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <iterator>
@@ -20,6 +21,7 @@ namespace fs = std::filesystem;
 constexpr uintmax_t kMaxBytes = 256u << 20;
 constexpr size_t kTumNumbers = 8;
 constexpr size_t kKittiNumbers = 12;
+constexpr size_t kEurocNumbers = 8;  // the velocity and the biases behind them are passed over
 constexpr double kMaxNumber = 1e12;  // keeps every sum of squares finite
 constexpr double kRotationTolerance = 1e-3;
 
@@ -30,14 +32,16 @@ struct NumberLine {
   std::array<double, kKittiNumbers> values{};  // the first `count`
 };
 
-Result<NumberLine> parse_line(const fs::path& path, const TextLine& text) {
+Result<NumberLine> parse_line(const fs::path& path, const TextLine& text, std::string_view separators = "",
+                              size_t first_field = 1) {
   NumberLine line;
   line.line = text.number;
-  for (const std::string_view word : split_words(text.text)) {
+  for (const std::string_view word : split_words(text.text, separators)) {
     const std::optional<double> value = parse_number(word);
     if (!value || !(std::abs(*value) <= kMaxNumber)) {
       return bad_input(fmt::format("{}:{}: field {}: '{}' is not allowed, a number of at most {:g} is",
-                                   path.string(), text.number, line.count + 1, shown(word), kMaxNumber));
+                                   path.string(), text.number, line.count + first_field, shown(word),
+                                   kMaxNumber));
     }
     if (line.count < line.values.size()) line.values[line.count] = *value;
     ++line.count;
@@ -63,14 +67,18 @@ Result<void> check_order(const fs::path& path, int line, double timestamp,
                                path.string(), line, timestamp, before.back()));
 }
 
+Result<Rigid3> quaternion_pose(const fs::path& path, int line, const char* order,
+                               const Eigen::Quaterniond& rotation, const Eigen::Vector3d& translation) {
+  if (!(std::abs(rotation.norm() - 1.0) <= kRotationTolerance)) {
+    return bad_input(fmt::format("{}:{}: {}: a quaternion of length {} is not allowed, 1 +- {} is",
+                                 path.string(), line, order, rotation.norm(), kRotationTolerance));
+  }
+  return Rigid3{rotation.normalized(), translation};
+}
+
 Result<Rigid3> tum_pose(const fs::path& path, const NumberLine& line) {
   const auto& v = line.values;
-  const Eigen::Quaterniond rotation(v[7], v[4], v[5], v[6]);
-  if (!(std::abs(rotation.norm() - 1.0) <= kRotationTolerance)) {
-    return bad_input(fmt::format("{}:{}: qx qy qz qw: a quaternion of length {} is not allowed, 1 +- {} is",
-                                 path.string(), line.line, rotation.norm(), kRotationTolerance));
-  }
-  return Rigid3{rotation.normalized(), {v[1], v[2], v[3]}};
+  return quaternion_pose(path, line.line, "qx qy qz qw", {v[7], v[4], v[5], v[6]}, {v[1], v[2], v[3]});
 }
 
 Result<Rigid3> kitti_pose(const fs::path& path, const NumberLine& line) {
@@ -118,12 +126,54 @@ Result<std::vector<double>> kitti_times(const fs::path& poses, size_t count) {
   return read;
 }
 
+// One line of EuRoC's truth. Nanoseconds since 1970 have too many digits for a double.
+Result<void> append_euroc_pose(const fs::path& path, const TextLine& text, Trajectory* trajectory) {
+  const std::string_view word = text.text.substr(0, text.text.find(','));
+  const std::optional<int64_t> nanoseconds = parse_integer(word);
+  if (!nanoseconds) {
+    return bad_input(fmt::format("{}:{}: timestamp: '{}' is not allowed, whole nanoseconds are",
+                                 path.string(), text.number, shown(word)));
+  }
+  const Result<NumberLine> line =
+      parse_line(path, {text.number, text.text.substr(std::min(word.size() + 1, text.text.size()))}, ",", 2);
+  if (!line) return line.error();
+  if (line->count + 1 < kEurocNumbers) {
+    return bad_input(
+        fmt::format("{}:{}: {} numbers are not allowed, at least 8 (timestamp, x, y, z, qw, qx, qy, qz) are",
+                    path.string(), text.number, line->count + 1));
+  }
+  const double timestamp = static_cast<double>(*nanoseconds) / 1e9;
+  if (auto ordered = check_order(path, text.number, timestamp, trajectory->timestamps); !ordered)
+    return ordered;
+  const auto& v = line->values;
+  const Result<Rigid3> pose =
+      quaternion_pose(path, text.number, "qw qx qy qz", {v[3], v[4], v[5], v[6]}, {v[0], v[1], v[2]});
+  if (!pose) return pose.error();
+  trajectory->timestamps.push_back(timestamp);
+  trajectory->world_from_cam.push_back(*pose);
+  return {};
+}
+
+// EuRoC's truth, the only format with commas; nullopt where the text is none.
+std::optional<Result<Trajectory>> read_euroc(const fs::path& path, std::string_view text) {
+  const std::vector<TextLine> lines = content_lines(text);
+  if (lines.empty() || lines.front().text.find(',') == std::string_view::npos) return std::nullopt;
+  Trajectory trajectory;
+  for (const TextLine& line : lines) {
+    if (auto read = append_euroc_pose(path, line, &trajectory); !read) return read.error();
+  }
+  return trajectory;
+}
+
 Result<fs::path> trajectory_in(const fs::path& folder) {
-  for (const char* name : {"trajectory.txt", "truth.txt", "poses.txt", "groundtruth.txt"}) {
+  for (const char* name :
+       {"trajectory.txt", "truth.txt", "poses.txt", "groundtruth.txt", "state_groundtruth_estimate0/data.csv",
+        "mav0/state_groundtruth_estimate0/data.csv"}) {
     if (fs::exists(folder / name)) return folder / name;
   }
   return bad_input(fmt::format(
-      "{}: no trajectory in this folder; trajectory.txt, truth.txt, poses.txt or groundtruth.txt is expected",
+      "{}: no trajectory in this folder; trajectory.txt, truth.txt, poses.txt, groundtruth.txt or "
+      "state_groundtruth_estimate0/data.csv is expected",
       folder.string()));
 }
 
@@ -138,6 +188,7 @@ Result<Trajectory> read_trajectory(const fs::path& path) {
   }
   const Result<std::string> text = read_text_file(path, kMaxBytes);
   if (!text) return text.error();
+  if (std::optional<Result<Trajectory>> euroc = read_euroc(path, *text)) return *std::move(euroc);
 
   Trajectory trajectory;
   size_t expected = 0;  // numbers per line, decided by the first

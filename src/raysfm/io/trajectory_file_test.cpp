@@ -55,6 +55,44 @@ TEST_F(TrajectoryFile, ReadsKittiWithTimesBesideIt) {
   EXPECT_LT((t.world_from_cam[1] * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(), 1e-15);
 }
 
+// The first two lines of MH_01, and one as basalt writes them.
+TEST_F(TrajectoryFile, ReadsEurocTruth) {
+  const std::string text =
+      "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
+      "1403636580838555648,4.688319,-1.786938,0.783338,0.534108,-0.153029,-0.827383,-0.082152,-0.027876,0."
+      "033207,"
+      "0.800006,-0.003172,0.021267,0.078502,-0.025266,0.136696,0.075593\n"
+      "1403636580843555328, 1, 2, 3, 0.70710678118654752, 0, 0, 0.70710678118654752\r\n";
+  const Trajectory t = accepted(folder_.file("data.csv", text));
+  ASSERT_EQ(t.size(), 2);
+  EXPECT_DOUBLE_EQ(t.timestamps[0], 1403636580.838555648);
+  EXPECT_EQ(t.world_from_cam[0].translation, Eigen::Vector3d(4.688319, -1.786938, 0.783338));
+  EXPECT_NEAR(t.world_from_cam[0].rotation.w(), 0.534108, 1e-6);
+  EXPECT_NEAR(t.world_from_cam[0].rotation.y(), -0.827383, 1e-6);
+  // A quarter turn about z takes x to y.
+  EXPECT_LT((t.world_from_cam[1] * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(), 1e-15);
+
+  std::filesystem::create_directories(folder_.path() / "mav0" / "state_groundtruth_estimate0");
+  folder_.file("mav0/state_groundtruth_estimate0/data.csv", text);
+  EXPECT_EQ(accepted(folder_.path()).size(), 2);
+  EXPECT_EQ(accepted(folder_.path() / "mav0").size(), 2);
+}
+
+TEST_F(TrajectoryFile, RefusesWrongEurocTruth) {
+  EXPECT_EQ(refusal("1.5,1,2,3,1,0,0,0\n"),
+            "t.txt:1: timestamp: '1.5' is not allowed, whole nanoseconds are");
+  EXPECT_EQ(refusal("1,1,2,3,1,0,0\n"),
+            "t.txt:1: 7 numbers are not allowed, at least 8 (timestamp, x, y, z, qw, qx, qy, qz) are");
+  EXPECT_EQ(refusal("1,1,2,3,1,0,0,0\n2\n"),
+            "t.txt:2: 1 numbers are not allowed, at least 8 (timestamp, x, y, z, qw, qx, qy, qz) are");
+  EXPECT_EQ(refusal("1,nan,2,3,1,0,0,0\n"),
+            "t.txt:1: field 2: 'nan' is not allowed, a number of at most 1e+12 is");
+  EXPECT_EQ(refusal("1,1,2,3,0,0,0,0\n"),
+            "t.txt:1: qw qx qy qz: a quaternion of length 0 is not allowed, 1 +- 0.001 is");
+  EXPECT_EQ(refusal("2000000000,1,2,3,1,0,0,0\n1000000000,1,2,3,1,0,0,0\n"),
+            "t.txt:2: timestamp: 1 is not allowed, it must be greater than 2 before it");
+}
+
 TEST_F(TrajectoryFile, FolderHoldsATrajectoryUnderAKnownName) {
   folder_.file("groundtruth.txt", "1 0 0 0 0 0 0 1\n");
   EXPECT_EQ(accepted(folder_.path()).timestamps, (std::vector<double>{1}));
