@@ -92,8 +92,9 @@ class IntrinsicsFreeProblem {
   bool valid_ = false;
   std::vector<double> weight_, costs_;
   std::vector<ConstraintRow> rows_;
-  std::vector<double> violations_;    // of rows_, where the normal equations are
-  Eigen::MatrixXd row_coefficients_;  // 12 x rows: on f of the image, then of the reference
+  std::vector<double> violations_;        // of rows_, where the normal equations are
+  std::vector<double> trial_violations_;  // where the cost was taken last
+  Eigen::MatrixXd row_coefficients_;      // 12 x rows: on f of the image, then of the reference
   std::vector<Image> images_;
   std::vector<Eigen::Vector3d> in_camera_;  // of an observation
   std::vector<Eigen::Vector2d> invariant_;  // q of an observation

@@ -48,20 +48,19 @@ IntrinsicsFreeProblem::IntrinsicsFreeProblem(const ObservationIndex& index,
   invariant_.resize(index_.size());
   valid_ = measure_moments();
   if (!valid_) return;
-  std::vector<int> all(images);
-  double focal = 0;
-  for (int j = 0; j < images; ++j) {
-    all[j] = j;
-    if (!project_image(j, scene_)) valid_ = false;
-    focal += images_[j].t_p.a / images_[j].t_m.a / images;
+  std::vector<MomentInformation> information(images);
+  for (int j = 0; j < images && valid_; ++j) {
+    valid_ = project_image(j, scene_);
+    const Image& image = images_[j];
+    information[j] = {image.weight, image.t_p.d, image.t_p.d / image.t_m.d};
   }
   if (!valid_) return;
-  rows_ = constraint_rows(options.constraints, all, focal, options.constraint_weight);
+  const bool multipliers = options.method == ConstraintMethod::kLagrange;
+  rows_ = constraint_rows(options.constraints, information, options.constraint_weight, multipliers);
   elimination_.set_structure(images, kBlock, 0, index_.point_begin, index_.image_of_slot);
   pose_scale_.resize(6 * images);
   gamma_.resize(6 * images);
   row_coefficients_.resize(12, rows_.size());
-  violations_.resize(rows_.size());
 }
 
 bool IntrinsicsFreeProblem::measure_moments() {
@@ -123,8 +122,9 @@ double IntrinsicsFreeProblem::cost(UncalibratedScene* scene) {
     scene->lenses[j] = (images_[j].t_p * images_[j].t_m_inverse).lens();
     sum += image_cost(j);
   }
-  for (const ConstraintRow& row : rows_) {
-    const double r = row.weight * row.violation(scene->lenses);
+  violations(rows_, scene->lenses, &trial_violations_);
+  for (size_t i = 0; i < rows_.size(); ++i) {
+    const double r = rows_[i].weight * trial_violations_[i];
     sum += 0.5 * r * r;
   }
   return sum;
@@ -177,9 +177,9 @@ void IntrinsicsFreeProblem::linearize_image(int j, const UncalibratedScene& scen
 
 void IntrinsicsFreeProblem::add_constraints(const UncalibratedScene& scene) {
   const bool multipliers = options_.method == ConstraintMethod::kLagrange;
+  violations(rows_, scene.lenses, &violations_);
   for (size_t i = 0; i < rows_.size(); ++i) {
     const ConstraintRow& row = rows_[i];
-    const double violation = row.violation(scene.lenses);
     auto coefficients = row_coefficients_.col(i);
     coefficients.head<6>() =
         (row.coefficients.transpose() * images_[row.image].lens_by_factor * kC).transpose();
@@ -188,9 +188,9 @@ void IntrinsicsFreeProblem::add_constraints(const UncalibratedScene& scene) {
       coefficients.tail<6>() =
           -(row.coefficients.transpose() * images_[row.reference].lens_by_factor * kC).transpose();
     }
-    violations_[i] = violation;
     if (multipliers && row.exact) continue;
-    const double w = row.weight * row.weight * violation;
+    // About a mean, the weighted violations have no sum for the mean to move.
+    const double w = row.weight * row.weight * violations_[i];
     gamma_.segment<6>(6 * row.image) += w * coefficients.head<6>();
     if (row.reference >= 0) gamma_.segment<6>(6 * row.reference) += w * coefficients.tail<6>();
   }
@@ -235,7 +235,7 @@ std::vector<double> IntrinsicsFreeProblem::residuals(UncalibratedScene* scene) {
       values.insert(values.end(), {r.x(), r.y()});
     }
   }
-  for (const ConstraintRow& row : rows_) values.push_back(row.weight * row.violation(scene->lenses));
+  for (size_t i = 0; i < rows_.size(); ++i) values.push_back(rows_[i].weight * trial_violations_[i]);
   return values;
 }
 

@@ -48,16 +48,34 @@ Eigen::MatrixXd IntrinsicsFreeProblem::lambda_times(const Eigen::MatrixXd& x, bo
   for (int j = 0; j < index_.image_count(); ++j) {
     product.middleRows<6>(6 * j).noalias() = images_[j].own_lambda * x.middleRows<6>(6 * j);
   }
+  // What the rows say of the columns of x, less the weighted mean where they are about one.
+  Eigen::MatrixXd changes(rows_.size(), x.cols()), mean = Eigen::MatrixXd::Zero(5, x.cols());
+  LensVector weight = LensVector::Constant(1e-300);
   for (size_t i = 0; i < rows_.size(); ++i) {
     const ConstraintRow& row = rows_[i];
     if (row.exact && !exact_rows) continue;
-    const auto on_image = row_coefficients_.col(i).head<6>(),
-               on_reference = row_coefficients_.col(i).tail<6>();
-    Eigen::RowVectorXd change = on_image.transpose() * x.middleRows<6>(6 * row.image);
-    if (row.reference >= 0) change += on_reference.transpose() * x.middleRows<6>(6 * row.reference);
-    change *= row.weight * row.weight;
-    product.middleRows<6>(6 * row.image).noalias() += on_image * change;
-    if (row.reference >= 0) product.middleRows<6>(6 * row.reference).noalias() += on_reference * change;
+    changes.row(i).noalias() =
+        row_coefficients_.col(i).head<6>().transpose() * x.middleRows<6>(6 * row.image);
+    if (row.reference >= 0) {
+      changes.row(i) += row_coefficients_.col(i).tail<6>().transpose() * x.middleRows<6>(6 * row.reference);
+    } else if (row.reference == ConstraintRow::kMean) {
+      const LensVector w = row.weight * row.weight * row.coefficients;
+      mean.noalias() += w * changes.row(i);
+      weight += w;
+    }
+  }
+  for (size_t i = 0; i < rows_.size(); ++i) {
+    const ConstraintRow& row = rows_[i];
+    if (row.exact && !exact_rows) continue;
+    if (row.reference == ConstraintRow::kMean) {
+      changes.row(i) -= row.coefficients.cwiseQuotient(weight).transpose() * mean;
+    }
+    changes.row(i) *= row.weight * row.weight;
+    product.middleRows<6>(6 * row.image).noalias() += row_coefficients_.col(i).head<6>() * changes.row(i);
+    if (row.reference >= 0) {
+      product.middleRows<6>(6 * row.reference).noalias() +=
+          row_coefficients_.col(i).tail<6>() * changes.row(i);
+    }
   }
   return product;
 }

@@ -23,9 +23,9 @@ struct LensAdjustmentOptions {
   LensConstraints constraints;
   ConstraintMethod method = ConstraintMethod::kWeights;
   CostSpace space = CostSpace::kImage;
-  // Weight of an exact constraint, pixels per relative error of the lens; > 0. With Lagrange multipliers it
-  // is the price of a violation when a step is judged.
-  double constraint_weight = 1e4;
+  // Weight of an exact constraint, relative to what the moments of an image say of the number: see
+  // constraint_rows(); > 0. With multipliers it is the price of a violation when a step is judged.
+  double constraint_weight = 1;
   RobustLoss loss;         // scale in pixels
   int reweightings = 3;    // rounds with the weights of the loss held fixed; one when there is no loss
   bool with_sigma = true;  // compute lens_sigma

@@ -1,5 +1,7 @@
 #include "raysfm/uncalibrated/lens_constraints.h"
 
+#include <cmath>
+
 namespace raysfm {
 namespace {
 
@@ -12,42 +14,42 @@ int known_numbers(const LensConstraints& c) {
 
 class RowWriter {
  public:
-  RowWriter(double focal, double weight) : focal_(focal), weight_(weight) {}
+  RowWriter(std::span<const MomentInformation> images, double multiple)
+      : images_(images), multiple_(multiple) {}
 
-  ConstraintRow& add(int image) {
+  // The condition that `coefficients` . k is `target`; at the scale of a focal length or of a principal
+  // point.
+  ConstraintRow& add(int image, const LensVector& coefficients, double target) {
+    const MomentInformation& known = images_[image];
+    const bool principal_point = coefficients[kCx] != 0 || coefficients[kCy] != 0;
     ConstraintRow& row = rows.emplace_back();
     row.image = image;
-    row.weight = weight_ / focal_;
+    row.coefficients = coefficients;
+    row.target = target;
+    row.weight = multiple_ * std::sqrt(known.weight) * (principal_point ? 1 : known.spread / known.focal);
     return row;
   }
-  void add_single(int image, int number, double target) {
-    ConstraintRow& row = add(image);
-    row.coefficients[number] = 1;
-    row.target = target;
-  }
+
+  size_t images() const { return images_.size(); }
 
   std::vector<ConstraintRow> rows;
 
  private:
-  double focal_, weight_;
+  std::span<const MomentInformation> images_;
+  double multiple_;
 };
 
-void add_known(const LensConstraints& c, int image, RowWriter* writer) {
-  if (c.zero_skew) writer->add_single(image, kSkew, 0);
-  if (c.unit_aspect) {
-    ConstraintRow& row = writer->add(image);
-    row.coefficients[kFx] = 1;
-    row.coefficients[kFy] = -1;
-  }
-  if (c.known_principal_point) {
-    writer->add_single(image, kCx, c.principal_point.x());
-    writer->add_single(image, kCy, c.principal_point.y());
-  } else if (c.principal_point_sigma > 0) {
-    for (int axis = 0; axis < 2; ++axis) {
-      writer->add_single(image, kCx + axis, c.principal_point[axis]);
-      writer->rows.back().weight = 1 / c.principal_point_sigma;
-      writer->rows.back().exact = false;
-    }
+void add_known(const LensConstraints& c, int image, bool shared_prior, RowWriter* writer) {
+  if (c.zero_skew) writer->add(image, LensVector::Unit(kSkew), 0);
+  if (c.unit_aspect) writer->add(image, LensVector::Unit(kFx) - LensVector::Unit(kFy), 0);
+  for (int axis = 0; axis < 2; ++axis) {
+    if (!c.known_principal_point && !(c.principal_point_sigma > 0)) continue;
+    ConstraintRow& row = writer->add(image, LensVector::Unit(kCx + axis), c.principal_point[axis]);
+    if (c.known_principal_point) continue;
+    row.weight = 1 / c.principal_point_sigma;
+    row.exact = false;
+    // One lens, one prior.
+    if (c.equal && shared_prior) row.weight /= std::sqrt(static_cast<double>(writer->images()));
   }
 }
 
@@ -72,21 +74,38 @@ std::string describe(const LensConstraints& c) {
   return text.empty() ? "none" : text;
 }
 
-std::vector<ConstraintRow> constraint_rows(const LensConstraints& constraints, std::span<const int> images,
-                                           double focal, double weight) {
-  RowWriter writer(focal, weight);
-  for (const int image : images) {
-    const bool first = image == images.front();
-    if (first || !constraints.equal) {
-      add_known(constraints, image, &writer);
-      continue;
-    }
-    for (int number = 0; number < 5; ++number) {
-      writer.add_single(image, number, 0);
-      writer.rows.back().reference = images.front();
+std::vector<ConstraintRow> constraint_rows(const LensConstraints& constraints,
+                                           std::span<const MomentInformation> images, double multiple,
+                                           bool independent) {
+  RowWriter writer(images, multiple);
+  for (int j = 0; j < static_cast<int>(images.size()); ++j) {
+    const bool by_the_first = constraints.equal && j > 0;
+    if (!(by_the_first && independent)) add_known(constraints, j, !independent, &writer);
+    for (int number = 0; number < 5 && constraints.equal; ++number) {
+      if (independent && j == 0) continue;
+      writer.add(j, LensVector::Unit(number), 0).reference = independent ? 0 : ConstraintRow::kMean;
     }
   }
   return std::move(writer.rows);
+}
+
+void violations(std::span<const ConstraintRow> rows, std::span<const Lens> lenses,
+                std::vector<double>* result) {
+  LensVector mean = LensVector::Zero(), sum = LensVector::Zero();
+  for (const ConstraintRow& row : rows) {
+    if (row.reference != ConstraintRow::kMean) continue;
+    const LensVector weight = row.weight * row.weight * row.coefficients;
+    mean += weight.cwiseProduct(lenses[row.image].vector());
+    sum += weight;
+  }
+  mean = (sum.array() > 0).select(mean.cwiseQuotient(sum.cwiseMax(1e-300)), mean);
+  result->clear();
+  for (const ConstraintRow& row : rows) {
+    LensVector k = lenses[row.image].vector();
+    if (row.reference == ConstraintRow::kMean) k -= mean;
+    if (row.reference >= 0) k -= lenses[row.reference].vector();
+    result->push_back(row.coefficients.dot(k) - row.target);
+  }
 }
 
 Eigen::MatrixXd lens_basis(const LensConstraints& c) {

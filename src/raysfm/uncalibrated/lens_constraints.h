@@ -30,27 +30,37 @@ int min_images(const LensConstraints& constraints);
 // "zero skew, unit aspect ratio" or "none".
 std::string describe(const LensConstraints& constraints);
 
-// One condition, linear in the numbers of one lens, or of the difference between two:
-// coefficients . (k_image - k_reference) = target; without a reference, coefficients . k_image = target.
-// `weight` makes the residual weight * (left - right) comparable with pixels.
-struct ConstraintRow {
-  int image = 0;
-  int reference = -1;
-  LensVector coefficients = LensVector::Zero();
-  double target = 0;
-  double weight = 1;
-  bool exact = true;  // false: a prior
-
-  double violation(std::span<const Lens> lenses) const {
-    LensVector k = lenses[image].vector();
-    if (reference >= 0) k -= lenses[reference].vector();
-    return coefficients.dot(k) - target;
-  }
+// How much an image says of its lens by the moments of its pixels alone.
+struct MomentInformation {
+  double weight = 1;  // sum of the weights of its observations
+  double spread = 1;  // standard deviation of its pixels along v
+  double focal = 1;   // pixels
 };
 
-// Independent rows for the images listed. Exact rows are divided by `focal` (pixels) and get `weight`.
-std::vector<ConstraintRow> constraint_rows(const LensConstraints& constraints, std::span<const int> images,
-                                           double focal, double weight);
+// One condition, linear in the numbers of a lens: coefficients . (k_image - k_reference) = target, where the
+// reference is nothing, another image, or the weighted mean of all rows of the same coefficients.
+struct ConstraintRow {
+  static constexpr int kNothing = -1, kMean = -2;
+  int image = 0;
+  int reference = kNothing;
+  LensVector coefficients = LensVector::Zero();
+  double target = 0;
+  double weight = 1;  // per pixel of the lens; makes the residual comparable with those of observations
+  bool exact = true;  // false: a prior
+};
+
+// Rows for all images. `multiple` of the weight of an exact row is relative to what the moments of an image
+// say of the number: 1 lets the lenses miss a condition by as much as the noise of their moments, so that
+// the sum of squares is close to that of the standard adjustment; a large one imposes it. For multipliers
+// the rows must be independent: equal lenses are compared with the first, and what is known is said of the
+// first alone.
+std::vector<ConstraintRow> constraint_rows(const LensConstraints& constraints,
+                                           std::span<const MomentInformation> images, double multiple,
+                                           bool independent);
+
+// By row: what coefficients . (k_image - k_reference) is too large.
+void violations(std::span<const ConstraintRow> rows, std::span<const Lens> lenses,
+                std::vector<double>* result);
 
 // Columns of the free numbers of a lens under the constraints: k = fixed part + basis * parameters, a 5 x p
 // matrix, p = 1 ... 5.

@@ -16,7 +16,7 @@ struct CubeOptions {
   bool zooming =
       false;  // focal length 800 to 1300 and each its own principal point; else 1000 and the centre
   double principal_point_spread = 0;  // pixels, about the centre, where zooming
-  double arc = 1.2;                   // radians either side within which the cameras stand
+  double arc = 2.4;                   // radians either side within which the cameras stand
 };
 
 inline constexpr double kSide = 500;  // of the image, pixels; points may lie outside
@@ -59,7 +59,7 @@ inline Cube make_cube(const CubeOptions& options, Rng* rng) {
   for (int j = 0; j < options.images; ++j) {
     const double share = options.images > 1 ? double(j) / (options.images - 1) - 0.5 : 0;
     const double azimuth = 2 * options.arc * share + rng->uniform(-0.1, 0.1);
-    const double elevation = rng->uniform(-0.6, 0.6), distance = rng->uniform(5, 9);
+    const double elevation = rng->uniform(-1.0, 1.0), distance = rng->uniform(5, 9);
     const Eigen::Vector3d position =
         distance * Eigen::Vector3d(std::cos(elevation) * std::sin(azimuth), std::sin(elevation),
                                    std::cos(elevation) * std::cos(azimuth));
