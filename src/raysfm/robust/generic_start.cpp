@@ -18,6 +18,8 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr double kSameOrigin = 1e-9;  // units of length: origins so near are one
+// Far below a squared standard deviation of a few hundred residuals.
+constexpr RigRefiner::Options kHeldScale{.max_iterations = 20, .min_decrease = 2e-4, .hold_scale = true};
 
 double median(std::vector<double>* values) {
   if (values->empty()) return 0;
@@ -112,17 +114,18 @@ struct ScaleProfile {
 
 ScaleProfile descend_in_scale(const RigTable& table, std::span<const int> inliers, double least_sigma,
                               RigRefiner* refiner, RigMotion* motion) {
-  constexpr int kIterations = 20, kMaxOctaves = 8;
+  constexpr int kMaxOctaves = 5;
+  constexpr RigRefiner::Options kFree{.max_iterations = 30, .min_decrease = 1e-6};
   constexpr double kWorthAStep = 1;
   int freedom = -12;
   for (const int i : inliers) freedom += 2 * (table.points[i].end - table.points[i].begin) - 3;
   ScaleProfile profile;
   for (int octave = 0; octave < kMaxOctaves; ++octave) {
-    profile.cost = refiner->refine(table, inliers, false, kIterations, motion);
+    profile.cost = refiner->refine(table, inliers, kFree, motion);
     profile.sigma2 = std::max(least_sigma * least_sigma, profile.cost / std::max(1, freedom));
     RigMotion half = scaled(*motion, 0.5), twice = scaled(*motion, 2);
     const auto rise = [&](RigMotion* held) {
-      return (refiner->refine(table, inliers, true, kIterations, held) - profile.cost) / profile.sigma2;
+      return (refiner->refine(table, inliers, kHeldScale, held) - profile.cost) / profile.sigma2;
     };
     profile.half = rise(&half), profile.twice = rise(&twice);
     if (!(std::min(profile.half, profile.twice) < -kWorthAStep)) break;
@@ -135,7 +138,6 @@ ScaleProfile descend_in_scale(const RigTable& table, std::span<const int> inlier
 // that fits as well.
 void judge_scale(const RigTable& table, std::span<const int> inliers, const GenericStartOptions& options,
                  RigMotion* motion, GenericStart* start) {
-  constexpr int kIterations = 20;
   constexpr double kAsWell = 3;         // standard deviations
   constexpr double kLeastSigma = 1e-3;  // of the error of an inlier: exact rays still have rounding
   constexpr double kLeastMotion = 1e-12;
@@ -148,17 +150,17 @@ void judge_scale(const RigTable& table, std::span<const int> inliers, const Gene
   const double length = motion->rig2_from_rig0.translation.norm();
   if (start->scale_known || !(length > kLeastMotion)) return;
   RigMotion unit = scaled(*motion, 1 / length);
-  const double rise = refiner.refine(table, inliers, true, kIterations, &unit) - profile.cost;
+  const double rise = refiner.refine(table, inliers, kHeldScale, &unit) - profile.cost;
   if (rise < kAsWell * kAsWell * profile.sigma2) *motion = unit;
 }
 
 // Refinements of the search's best motion: on its inliers, then on those of the first.
 void polish(const RigTable& table, const GenericStartOptions& options, std::vector<int> inliers,
             RigMotion motion, GenericStart* start) {
-  constexpr int kRounds = 2, kIterations = 15;
+  constexpr int kRounds = 2;
   RigRefiner refiner;
   for (int round = 0; round < kRounds; ++round) {
-    refiner.refine(table, inliers, false, kIterations, &motion);
+    refiner.refine(table, inliers, {}, &motion);
     map_points(table, motion, options.max_error, start, &inliers);
   }
   judge_scale(table, inliers, options, &motion, start);
@@ -263,8 +265,8 @@ void start_from_motion(const RigTable& table, const GenericStartOptions& options
   if (start->method == GenericStartMethod::kSeventeenPoint) {
     search(SeventeenPointRansac(table, options.max_error, start->ray_class), table, options, start);
   } else {
-    start->method = GenericStartMethod::kFivePlusOne;
-    search(FivePlusOneRansac(table, options.max_error), table, options, start);
+    start->method = GenericStartMethod::kFivePoints;
+    search(FivePointRansac(table, options.max_error), table, options, start);
   }
   start->problem = diagnose(*start, table.size(), options);
 }

@@ -25,10 +25,10 @@ struct RigMatches {
 };
 
 enum class GenericStartMethod {
-  kAuto,            // by the rays: kCentral, kStereoPoints or kFivePlusOne
+  kAuto,            // by the rays: kCentral, kStereoPoints or kFivePoints
   kCentral,         // start_from_three_views(), where all rays pass one centre
   kStereoPoints,    // points from several rays at the instant of view 0, then the pose of views 1 and 2
-  kFivePlusOne,     // five points in one camera, one elsewhere for the scale
+  kFivePoints,      // five points in one camera, the scale from all that others see
   kSeventeenPoint,  // LBA09 4.3
 };
 
@@ -60,11 +60,12 @@ struct GenericStart {
   int inlier_count = 0;
   GenericStartMethod method = GenericStartMethod::kAuto;  // the one used
 
-  // Whether the distances between the rays' origins tell the scale. Where not, |translation| of view 2 is 1
-  // when that fits as well as any (as for a central camera, or a translation seen by cameras that share no
-  // points), else the best guess. The significance is the number of standard deviations by which the scale
-  // differs from half and from double itself, the lesser of the two: the square root of the rise of the sum
-  // of squares, everything else adjusted, over the variance of a residual.
+  // Whether the distances between the rays' origins tell the scale. Where not, the centre of the camera with
+  // most points moves by 1 from view 0 to view 2 if that fits as well as any (as for a central camera, or a
+  // translation seen by cameras that share no points), else by the best guess. The significance is the
+  // number of standard deviations by which the scale differs from half and from double itself, the lesser
+  // of the two: the square root of the rise of the sum of squares, everything else adjusted, over the
+  // variance of a residual. The standard deviation of the scale is about its half over the significance.
   bool scale_known = false;
   double scale_significance = 0;
 

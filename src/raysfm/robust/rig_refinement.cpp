@@ -144,19 +144,19 @@ void RigRefiner::linearise(const RigTable& table, const RigMotion& motion, doubl
   *gradient = g;
 }
 
-double RigRefiner::refine(const RigTable& table, std::span<const int> active, bool hold_scale,
-                          int max_iterations, RigMotion* motion) {
+double RigRefiner::refine(const RigTable& table, std::span<const int> active, const Options& options,
+                          RigMotion* motion) {
   if (active.size() < 6) return std::numeric_limits<double>::infinity();
   start(table, active, *motion);
   double damping = 1e-4;
   double current = cost(table, *motion, points_);
   Matrix12d hessian;
   Vector12d gradient;
-  for (int iteration = 0; iteration < max_iterations && std::isfinite(current); ++iteration) {
+  for (int iteration = 0; iteration < options.max_iterations && std::isfinite(current); ++iteration) {
     linearise(table, *motion, damping, &hessian, &gradient);
-    const Vector12d step = solve(hessian, gradient, *motion, hold_scale);
+    const Vector12d step = solve(hessian, gradient, *motion, options.hold_scale);
     if (!step.allFinite()) break;
-    const RigMotion next = apply(*motion, step, hold_scale);
+    const RigMotion next = apply(*motion, step, options.hold_scale);
     moved_ = points_;
     for (Point& point : moved_) {
       const Vector3d change = -(point.inverse_hessian * (point.gradient + point.by_poses * step));
@@ -170,7 +170,7 @@ double RigRefiner::refine(const RigTable& table, std::span<const int> active, bo
       if (damping > 1e6) break;
       continue;
     }
-    const bool converged = after > (1 - 1e-5) * current;
+    const bool converged = after > (1 - options.min_decrease) * current;
     *motion = next;
     points_.swap(moved_);
     current = after;

@@ -13,10 +13,14 @@ namespace raysfm {
 // the points are eliminated. Keeps its buffers from call to call.
 class RigRefiner {
  public:
-  // Levenberg-Marquardt on the points `active` of the table from *motion. With `hold_scale` the length of
-  // rig2_from_rig0's translation (in the table's frame) stays. Returns the sum of squares, which never rises;
-  // infinite when a point lies behind a ray at the start or there are fewer than six.
-  double refine(const RigTable& table, std::span<const int> active, bool hold_scale, int max_iterations,
+  struct Options {
+    int max_iterations = 15;
+    double min_decrease = 1e-5;  // of the cost, relative: an iteration that wins less is the last
+    bool hold_scale = false;     // the length of rig2_from_rig0's translation (in the table's frame) stays
+  };
+  // Levenberg-Marquardt on the points `active` of the table from *motion. Returns the sum of squares, which
+  // never rises; infinite when a point lies behind a ray at the start or there are fewer than six.
+  double refine(const RigTable& table, std::span<const int> active, const Options& options,
                 RigMotion* motion);
 
  private:

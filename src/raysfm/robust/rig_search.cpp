@@ -80,7 +80,7 @@ void RigScorer::collect_inliers(const RigMotion& motion, std::vector<int>* inlie
 
 void RigScorer::refine(RigMotion* motion) {
   constexpr size_t kMaxPoints = 100;
-  constexpr int kIterations = 4;
+  constexpr RigRefiner::Options kFew{.max_iterations = 4};
   collect_inliers(*motion, &inliers_);
   const size_t stride = (inliers_.size() + kMaxPoints - 1) / kMaxPoints;
   if (stride > 1) {
@@ -88,11 +88,12 @@ void RigScorer::refine(RigMotion* motion) {
     for (size_t i = 0; i < inliers_.size(); i += stride) inliers_[kept++] = inliers_[i];
     inliers_.resize(kept);
   }
-  refiner_.refine(table_, inliers_, false, kIterations, motion);
+  refiner_.refine(table_, inliers_, kFew, motion);
 }
 
-FivePlusOneRansac::FivePlusOneRansac(const RigTable& table, double max_error)
+FivePointRansac::FivePointRansac(const RigTable& table, double max_error)
     : RigScorer(table, max_error), group_of_(table.points.size(), -1) {
+  constexpr double kFar = 30;
   std::map<int, std::vector<int>> by_camera;
   for (int i = 0; i < size(); ++i) by_camera[table.points[i].camera].push_back(i);
   by_camera.erase(-1);
@@ -107,52 +108,118 @@ FivePlusOneRansac::FivePlusOneRansac(const RigTable& table, double max_error)
     group.points = std::move(points);
     groups_.push_back(std::move(group));
   }
+  for (int k = 0; k < size(); ++k) {
+    const RigTable::Point& point = table.points[k];
+    for (int i = point.begin; i < point.end; ++i) {
+      for (int j = point.begin; j < point.end; ++j) {
+        if (table.views[i] != 0 || table.views[j] != 2) continue;
+        const bool primary = i == point.primary[0] && j == point.primary[2];
+        pairs_.push_back({i, j, primary ? group_of_[k] : -1});
+      }
+    }
+  }
+  pairs_outside_.resize(groups_.size());
+  for (size_t g = 0; g < groups_.size(); ++g) {
+    for (size_t k = 0; k < pairs_.size(); ++k) {
+      if (pairs_[k].group != static_cast<int>(g)) pairs_outside_[g].push_back(static_cast<int>(k));
+    }
+    // One camera alone: what its rays say by not meeting in one centre.
+    for (size_t k = 0; k < pairs_.size() && groups_.size() == 1; ++k) {
+      pairs_outside_[g].push_back(static_cast<int>(k));
+    }
+  }
+  for (const ObservedRay& ray : table.rays) longest_ = std::max(longest_, kFar * ray.origin.norm());
+  votes_.reserve(pairs_.size());
+  scratch_.reserve(table.points.size());
 }
 
-bool FivePlusOneRansac::sample(Rng& rng, std::array<int, 6>* sample) const {
-  constexpr int kTries = 20;
-  const auto any = [&] { return static_cast<int>(rng.index(static_cast<uint32_t>(size()))); };
-  int group = -1;
-  for (int k = 0; k < kTries && group < 0; ++k) group = group_of_[any()];
+bool FivePointRansac::sample(Rng& rng, std::array<int, 5>* sample) const {
+  const int group = group_of_[rng.index(static_cast<uint32_t>(size()))];
   if (group < 0) return false;
   const std::vector<int>& points = groups_[group].points;
-  std::array<int, 5> five;
-  draw_sample(rng, static_cast<int>(points.size()), &five);
-  for (int i = 0; i < 5; ++i) (*sample)[i] = points[five[i]];
-  // The sixth is of another camera where there is one.
-  const bool all_in_group = static_cast<int>(points.size()) == size();
-  for (int k = 0; k < kTries; ++k) {
-    const int sixth = any();
-    if (std::find(sample->begin(), sample->begin() + 5, sixth) != sample->begin() + 5) continue;
-    if (!all_in_group && group_of_[sixth] == group) continue;
-    (*sample)[5] = sixth;
-    return true;
-  }
-  return false;
+  draw_sample(rng, static_cast<int>(points.size()), sample);
+  for (int& i : *sample) i = points[i];
+  return true;
 }
 
-int FivePlusOneRansac::generate(const std::array<int, 6>& sample, std::array<RigMotion, 10>* motions) const {
+// Length of the motion of a group's centre, of which rig2_from_rig0 holds the part without. A pair says
+// offset / length + slope = 0 up to the error of its rays, so that its vote is for the inverse of the length,
+// with the weight |offset|. Where the votes are for none, far more than the origins are apart.
+double FivePointRansac::median_scale(const Rigid3& rig2_from_rig0, const Vector3d& unit_direction, int group,
+                                     int max_pairs) {
+  const std::vector<int>& outside = pairs_outside_[group];
+  const Matrix3d rotation = rig2_from_rig0.rotation.toRotationMatrix();
+  const int stride = std::max(1, static_cast<int>(outside.size()) / max_pairs);
+  votes_.clear();
+  double total = 0;
+  for (size_t k = 0; k < outside.size(); k += stride) {
+    const Pair& pair = pairs_[outside[k]];
+    const TranslationScale vote = translation_scale(rotation, rig2_from_rig0.translation, unit_direction,
+                                                    table_.ray(pair.ray0), table_.ray(pair.ray2));
+    if (!(std::abs(vote.offset) > 1e-12 * longest_)) continue;
+    votes_.emplace_back(-vote.slope / vote.offset, std::abs(vote.offset));
+    total += std::abs(vote.offset);
+  }
+  std::sort(votes_.begin(), votes_.end());
+  double sum = 0;
+  for (const auto& [inverse, weight] : votes_) {
+    sum += weight;
+    if (sum >= 0.5 * total) return inverse * longest_ > 1 ? 1 / inverse : longest_;
+  }
+  return longest_;
+}
+
+int FivePointRansac::generate(const std::array<int, 5>& sample, std::array<RigMotion, 10>* motions) {
+  constexpr int kPairs = 24;
   FiveBearings bearings;
   for (int v = 0; v < 3; ++v) {
     for (int i = 0; i < 5; ++i) bearings[v][i] = table_.primary(table_.points[sample[i]], v).direction;
   }
   std::array<ThreeViewMotion, 10> of_camera;
   const int count = five_point_motions(bearings, &of_camera);
-  const Vector3d& c = groups_[group_of_[sample[0]]].centre;
-  const RigTable::Point& sixth = table_.points[sample[5]];
-  const Ray ray0 = table_.primary(sixth, 0), ray2 = table_.primary(sixth, 2);
+  const int group = group_of_[sample[0]];
+  const Vector3d& c = groups_[group].centre;
   for (int k = 0; k < count; ++k) {
     const Rigid3 &cam1 = of_camera[k].cam1_from_cam0, &cam2 = of_camera[k].cam2_from_cam0;
-    double scale = 1;
-    const Vector3d start = c - cam2.rotation * c;
-    const bool solved =
-        translation_scale(cam2.rotation.toRotationMatrix(), start, cam2.translation, ray0, ray2, &scale);
-    // A scale that is not to be seen comes out with either sign: any will do then.
-    if (!solved || !(scale > 0)) scale = 1;
-    (*motions)[k].rig2_from_rig0 = {cam2.rotation, start + scale * cam2.translation};
+    const Rigid3 turned{cam2.rotation, c - cam2.rotation * c};
+    const double scale = median_scale(turned, cam2.translation, group, kPairs);
+    (*motions)[k].rig2_from_rig0 = {cam2.rotation, turned.translation + scale * cam2.translation};
     (*motions)[k].rig1_from_rig0 = {cam1.rotation, c - cam1.rotation * c + scale * cam1.translation};
   }
   return count;
+}
+
+int FivePointRansac::group_with_most(const std::vector<int>& points) const {
+  std::vector<int> counts(groups_.size(), 0);
+  for (const int i : points) {
+    if (group_of_[i] >= 0) ++counts[group_of_[i]];
+  }
+  return static_cast<int>(std::max_element(counts.begin(), counts.end()) - counts.begin());
+}
+
+// A motion from a sample may fit one camera alone: its scale is taken from the others once it is sure.
+void FivePointRansac::refine(RigMotion* motion) {
+  RigScorer::refine(motion);
+  RigMotion rescaled = *motion;
+  if (!rescale(&rescaled)) return;
+  RigScorer::refine(&rescaled);
+  if (score(rescaled, size()).cost < score(*motion, size()).cost) *motion = rescaled;
+}
+
+bool FivePointRansac::rescale(RigMotion* motion) {
+  constexpr int kPairs = 200;
+  collect_inliers(*motion, &scratch_);
+  const int group = group_with_most(scratch_);
+  const Vector3d& c = groups_[group].centre;
+  Rigid3 &pose1 = motion->rig1_from_rig0, &pose2 = motion->rig2_from_rig0;
+  const Vector3d turned1 = c - pose1.rotation * c, turned2 = c - pose2.rotation * c;
+  const double length = (pose2.translation - turned2).norm();
+  if (!(length > 0)) return false;
+  const Vector3d direction = (pose2.translation - turned2) / length;
+  const double scale = median_scale({pose2.rotation, turned2}, direction, group, kPairs);
+  pose1.translation = turned1 + scale / length * (pose1.translation - turned1);
+  pose2.translation = turned2 + scale * direction;
+  return true;
 }
 
 bool SeventeenPointRansac::sample(Rng& rng, std::array<int, 17>* sample) const {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <utility>
 #include <vector>
 
 #include "raysfm/core/random.h"
@@ -40,24 +41,41 @@ class RigScorer {
   RigRefiner refiner_;
 };
 
-// Five points of one camera give its motion but for the scale, a point elsewhere the scale.
-class FivePlusOneRansac : public RigScorer {
+// Five points of one camera give its motion but for the scale, which is the weighted median of what the
+// pairs of rays say that are not of this camera alone.
+class FivePointRansac : public RigScorer {
  public:
-  static constexpr int kSampleSize = 6;
+  static constexpr int kSampleSize = 5;
   static constexpr int kMaxModels = 10;
 
-  FivePlusOneRansac(const RigTable& table, double max_error);
+  FivePointRansac(const RigTable& table, double max_error);
 
-  bool sample(Rng& rng, std::array<int, 6>* sample) const;
-  int generate(const std::array<int, 6>& sample, std::array<RigMotion, 10>* motions) const;
+  bool sample(Rng& rng, std::array<int, 5>* sample) const;
+  int generate(const std::array<int, 5>& sample, std::array<RigMotion, 10>* motions);
+  void refine(RigMotion* motion);
 
  private:
   struct Group {
     std::vector<int> points;
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // mean origin of the primary rays
   };
+  // Rays of views 0 and 2 of one point; `group` where both are of its camera, else -1.
+  struct Pair {
+    int ray0, ray2, group;
+  };
+  double median_scale(const Rigid3& rig2_from_rig0, const Eigen::Vector3d& unit_direction, int group,
+                      int max_pairs);
+  int group_with_most(const std::vector<int>& points) const;
+
+  bool rescale(RigMotion* motion);
+
   std::vector<Group> groups_;  // of cameras with at least five points
   std::vector<int> group_of_;  // of each point, -1: none
+  std::vector<Pair> pairs_;
+  std::vector<std::vector<int>> pairs_outside_;   // of each group
+  std::vector<std::pair<double, double>> votes_;  // inverse scale and weight
+  double longest_ = 1e-9;                         // motion that the scale is looked for in
+  std::vector<int> scratch_;
 };
 
 // LBA09 4.3 and 4.4: seventeen points between views 0 and 2, resection of view 1.
