@@ -2,9 +2,11 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <numbers>
 #include <vector>
 
-#include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/bundle/bal_problem.h"
+#include "raysfm/bundle/residual.h"
 #include "raysfm/core/random.h"
 
 namespace raysfm::test {
@@ -18,11 +20,21 @@ struct BundleScene {
   std::vector<uint8_t> point_is_fixed;
   std::vector<BundleObservation> observations;
   std::vector<uint8_t> is_inlier;
+  std::vector<ObservedRay> rays;  // empty until observe_rays()
 
   BundleProblem problem() {
-    return {cameras, poses, pose_is_free, points, point_is_fixed, observations, is_inlier};
+    return {cameras, poses, pose_is_free, points, point_is_fixed, observations, is_inlier, rays, {}};
   }
 };
+
+// The scene under the angular error. Every pixel must see something.
+inline void observe_rays(BundleScene* scene, AngularWeight weight) {
+  scene->rays.resize(scene->observations.size());
+  for (size_t i = 0; i < scene->observations.size(); ++i) {
+    const BundleObservation& o = scene->observations[i];
+    observe_ray(scene->cameras[o.camera], o.pixel, weight, &scene->rays[i]);
+  }
+}
 
 struct BundleSceneOptions {
   int poses = 10;
@@ -88,6 +100,65 @@ inline BundleScene make_bundle_scene(const BundleSceneOptions& options) {
   }
   scene.is_inlier.assign(scene.observations.size(), 1);
   return scene;
+}
+
+// A ring road in the form of Bundle Adjustment in the Large: each point is seen by `track` successive
+// cameras.
+struct BalSceneOptions {
+  int cameras = 50;
+  int points_per_camera = 60;
+  int track = 8;
+  double noise_px = 0.5;
+  uint64_t seed = 1;
+};
+
+inline BalProblem make_bal_scene(const BalSceneOptions& options) {
+  Rng rng(options.seed);
+  BalProblem problem;
+  std::vector<Rigid3> cam_from_world;
+  const double radius = options.cameras / (2.0 * std::numbers::pi);  // one unit from camera to camera
+  // Looking ahead along the road with x to the right, y up, and the camera's -z forward.
+  for (int i = 0; i < options.cameras; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / options.cameras;
+    Eigen::Matrix3d world_from_cam;
+    world_from_cam.col(1) = Eigen::Vector3d(0, 0, 1);
+    world_from_cam.col(2) = Eigen::Vector3d(std::sin(angle), -std::cos(angle), 0);
+    world_from_cam.col(0) = world_from_cam.col(1).cross(world_from_cam.col(2));
+    const Rigid3 pose{Eigen::Quaterniond(world_from_cam),
+                      radius * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0)};
+    cam_from_world.push_back(pose.inverse());
+    const Eigen::Vector3d w = log_so3(cam_from_world[i].rotation), t = cam_from_world[i].translation;
+    problem.cameras.push_back({w[0], w[1], w[2], t[0], t[1], t[2], rng.uniform(480, 520),
+                               rng.uniform(-0.05, 0), rng.uniform(0, 0.01)});
+  }
+  for (int p = 0; p < options.cameras * options.points_per_camera; ++p) {
+    const int first = p / options.points_per_camera;
+    const double depth = options.track + rng.uniform(2, 12);
+    const Eigen::Vector3d x(rng.uniform(-0.5, 0.5) * depth, rng.uniform(-0.3, 0.3) * depth, -depth);
+    problem.points.push_back(cam_from_world[first].inverse() * x);
+    for (int k = 0; k < options.track; ++k) {
+      const int i = (first + k) % options.cameras;
+      const std::array<double, 9>& c = problem.cameras[i];
+      Eigen::Vector2d pixel;
+      if (!lens_residual({c[6], c[7], c[8]}, cam_from_world[i] * problem.points[p], Eigen::Vector2d::Zero(),
+                         &pixel)) {
+        continue;
+      }
+      pixel += options.noise_px * Eigen::Vector2d(rng.normal(), rng.normal());
+      problem.observations.push_back({i, p, pixel});
+    }
+  }
+  return problem;
+}
+
+// Normal noise on rotation vectors (radians), translations and points.
+inline void perturb(BalProblem* problem, double rotation, double translation, double point, uint64_t seed) {
+  Rng rng(seed);
+  for (std::array<double, 9>& c : problem->cameras) {
+    for (int k = 0; k < 3; ++k) c[k] += rotation * rng.normal();
+    for (int k = 3; k < 6; ++k) c[k] += translation * rng.normal();
+  }
+  for (Eigen::Vector3d& x : problem->points) x += random_vector(rng, point);
 }
 
 }  // namespace raysfm::test

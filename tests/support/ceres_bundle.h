@@ -2,6 +2,8 @@
 
 #include <ceres/ceres.h>
 
+#include <cmath>
+
 #include "support/bundle_scene.h"
 
 namespace raysfm::test {
@@ -72,6 +74,7 @@ struct CeresBundleOptions {
   int max_iterations = 10;
   double function_tolerance = 1e-6;
   ceres::LinearSolverType solver = ceres::DENSE_SCHUR;
+  int threads = 1;
 };
 
 inline ceres::LossFunction* ceres_loss(const RobustLoss& loss) {
@@ -88,7 +91,24 @@ inline ceres::LossFunction* ceres_loss(const RobustLoss& loss) {
   return nullptr;
 }
 
-// Adjusts the scene's poses and points with Ceres, one thread. The cameras must be pinholes at the rig's
+inline ceres::Solver::Summary solve_with_ceres(ceres::Problem* problem,
+                                               ceres::ParameterBlockOrdering* ordering,
+                                               const CeresBundleOptions& options) {
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = options.solver;
+  solver.linear_solver_ordering.reset(ordering);
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = options.function_tolerance;
+  solver.gradient_tolerance = 0;
+  solver.parameter_tolerance = 0;
+  solver.num_threads = options.threads;
+  solver.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, problem, &summary);
+  return summary;
+}
+
+// Adjusts the scene's poses and points with Ceres. The cameras must be pinholes at the rig's
 // origin.
 inline ceres::Solver::Summary adjust_with_ceres(BundleScene& scene, const CeresBundleOptions& options) {
   ceres::Problem problem;
@@ -116,18 +136,63 @@ inline ceres::Solver::Summary adjust_with_ceres(BundleScene& scene, const CeresB
     problem.SetParameterBlockConstant(q);
     problem.SetParameterBlockConstant(t);
   }
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = options.solver;
-  solver.linear_solver_ordering.reset(ordering);
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.function_tolerance;
-  solver.gradient_tolerance = 0;
-  solver.parameter_tolerance = 0;
-  solver.num_threads = 1;
-  solver.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  return summary;
+  return solve_with_ceres(&problem, ordering, options);
+}
+
+// The projection of Bundle Adjustment in the Large with analytic derivatives, written from its formulas; the
+// derivative by the rotation vector w is that of exp(w + d) = exp(J_l(w) d) exp(w).
+class CeresBalReprojection : public ceres::SizedCostFunction<2, 9, 3> {
+ public:
+  explicit CeresBalReprojection(const Eigen::Vector2d& pixel) : pixel_(pixel) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const double* c = parameters[0];
+    const Eigen::Map<const Eigen::Vector3d> w(c), t(c + 3), point(parameters[1]);
+    const double angle = w.norm();
+    const Eigen::Matrix3d r = angle > 0 ? Eigen::AngleAxisd(angle, w / angle).toRotationMatrix()
+                                        : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+    const Eigen::Vector3d rotated = r * point, x = rotated + t;
+    const Eigen::Vector2d p = -x.head<2>() / x.z();
+    const double s = p.squaredNorm(), g = 1 + c[7] * s + c[8] * s * s;
+    Eigen::Map<Eigen::Vector2d>{residuals} = c[6] * g * p - pixel_;
+    if (!jacobians) return true;
+    const Eigen::Matrix2d by_p =
+        c[6] * (g * Eigen::Matrix2d::Identity() + (2 * c[7] + 4 * c[8] * s) * p * p.transpose());
+    Eigen::Matrix<double, 2, 3> p_by_x;
+    p_by_x << -1, 0, -p.x(), 0, -1, -p.y();
+    const Eigen::Matrix<double, 2, 3> a = by_p * p_by_x / x.z();
+    if (jacobians[0]) {
+      const Eigen::Matrix3d k = skew(w);
+      const double a2 = angle * angle;
+      const Eigen::Matrix3d left =
+          angle > 1e-8 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity() + (1 - std::cos(angle)) / a2 * k +
+                                         (angle - std::sin(angle)) / (a2 * angle) * k * k)
+                       : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+      Eigen::Map<Eigen::Matrix<double, 2, 9, Eigen::RowMajor>> out(jacobians[0]);
+      out.leftCols<3>() = -a * skew(rotated) * left;
+      out.middleCols<3>(3) = a;
+      out.col(6) = g * p;
+      out.col(7) = c[6] * s * p;
+      out.col(8) = c[6] * s * s * p;
+    }
+    if (jacobians[1]) Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>{jacobians[1]} = a * r;
+    return true;
+  }
+
+ private:
+  Eigen::Vector2d pixel_;
+};
+
+inline ceres::Solver::Summary adjust_with_ceres(BalProblem& bal, const CeresBundleOptions& options) {
+  ceres::Problem problem;
+  auto* ordering = new ceres::ParameterBlockOrdering;
+  for (const BalProblem::Observation& o : bal.observations) {
+    problem.AddResidualBlock(new CeresBalReprojection(o.pixel), ceres_loss(options.loss),
+                             bal.cameras[o.camera].data(), bal.points[o.point].data());
+    ordering->AddElementToGroup(bal.points[o.point].data(), 0);
+    ordering->AddElementToGroup(bal.cameras[o.camera].data(), 1);
+  }
+  return solve_with_ceres(&problem, ordering, options);
 }
 
 }  // namespace raysfm::test

@@ -22,7 +22,7 @@ void clear_lane(ObservationBlock<N>& block, int k) {
   for (auto& row : block.residual) row[k] = 0;
   for (auto& row : block.jacobian) row[k] = 0;
   for (auto& row : block.lens) row[k] = 0;
-  block.weight[k] = 0;
+  block.squared[k] = 0;
 }
 
 }  // namespace
@@ -203,28 +203,27 @@ void BundleCore<N>::collect_lost() {
 template <int N>
 double BundleCore<N>::work_on_chunk(int chunk, State& state, bool linearize) {
   double cost = 0;
-  const int begin = layout_.chunks[chunk], end = layout_.chunks[chunk + 1];
-  for (int g = begin; g < end; ++g) cost += work_on_group(layout_.groups[g], state, linearize);
-  chunk_loses_[chunk] = 0;
-  if (begin < end) {
-    const auto lanes = is_lost_.begin();
-    const int first = layout_.groups[begin].begin, last = layout_.groups[end - 1].end;
-    chunk_loses_[chunk] = std::find(lanes + first, lanes + last, 1) != lanes + last;
+  bool loses = false;
+  for (int g = layout_.chunks[chunk]; g < layout_.chunks[chunk + 1]; ++g) {
+    cost += work_on_group(layout_.groups[g], state, linearize, &loses);
   }
+  chunk_loses_[chunk] = loses;
   return cost;
 }
 
 template <int N>
-double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State& state, bool linearize) {
+double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State& state, bool linearize,
+                                    bool* loses) {
   const double *u = layout_.u.data(), *v = layout_.v.data();
   if constexpr (N == 9) {
-    return work_on_lanes(group, LensResidual(state.lenses[group.pose], u, v), state, linearize);
+    return work_on_lanes(group, LensResidual(state.lenses[group.pose], u, v), state, linearize, loses);
   } else {
-    if (!problem_.rays.empty()) return work_on_lanes(group, AngularResidual(rays_.data()), state, linearize);
+    if (!problem_.rays.empty())
+      return work_on_lanes(group, AngularResidual(rays_.data()), state, linearize, loses);
     const Camera& camera = problem_.cameras[group.camera];
     return std::visit(
         [&](const auto& model) {
-          return work_on_lanes(group, PixelResidual(camera, model, u, v), state, linearize);
+          return work_on_lanes(group, PixelResidual(camera, model, u, v), state, linearize, loses);
         },
         camera.model);
   }
@@ -234,7 +233,7 @@ double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State
 // processor stalls when the two come too close.
 template <int N>
 double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual,
-                                    State& state, bool linearize) {
+                                    State& state, bool linearize, bool* loses) {
   const Rigid3& pose = state.poses[group.pose];
   const RowMajor3 rotation = pose.rotation.toRotationMatrix();
   const bool moves = linearize && group.system_pose >= 0;
@@ -255,7 +254,7 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
       residual.evaluate(begin + i * kBundleLanes, linearize, &blocks[i]);
     }
     for (int i = 0; i < count; ++i) {
-      score_block(begin + i * kBundleLanes, blocks[i], state.lane_cost, lane_sums);
+      if (score_block(begin + i * kBundleLanes, blocks[i], state.lane_cost, lane_sums)) *loses = true;
     }
     if (!linearize) continue;
     for (int i = 0; i < count; ++i) {
@@ -277,28 +276,44 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
   return cost;
 }
 
-// Costs and weights of eight lanes from their residuals.
+// Costs and weights of eight lanes from their residuals. Returns whether an active one has none.
 template <int N>
-void BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums) {
-  const RobustLoss loss = loss_;
-  for (int k = 0; k < kBundleLanes; ++k) {
-    const double squared = block.squared[k];
-    const bool finite = std::isfinite(squared), active = active_[begin + k];
-    is_lost_[begin + k] = active && !finite;
-    if (!active || !finite) {
-      clear_lane(block, k);
-      continue;
+bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums) {
+  constexpr uint64_t kAll = 0x0101010101010101;
+  uint64_t active;
+  std::memcpy(&active, &active_[begin], sizeof(active));
+  double largest = 0;
+  for (double squared : block.squared) largest = squared <= largest ? largest : squared;  // keeps a NaN
+  bool loses = false;
+  if (active != kAll || !(largest < INFINITY)) {
+    for (int k = 0; k < kBundleLanes; ++k) {
+      const bool finite = std::isfinite(block.squared[k]);
+      is_lost_[begin + k] = active_[begin + k] && !finite;
+      loses = loses || is_lost_[begin + k];
+      if (!active_[begin + k] || !finite) clear_lane(block, k);
     }
-    lane_cost[begin + k] = 0.5 * loss.cost(squared);
-    lane_sums[k] += lane_cost[begin + k];
-    block.weight[k] = loss.weight(squared);
+  } else {
+    std::memset(&is_lost_[begin], 0, kBundleLanes);
   }
+  const RobustLoss loss = loss_;
+  if (loss.kind == RobustLoss::Kind::kNone) {
+    for (double& weight : block.weight) weight = 1;
+    for (int k = 0; k < kBundleLanes; ++k) lane_cost[begin + k] = 0.5 * block.squared[k];
+  } else {
+    for (int k = 0; k < kBundleLanes; ++k) {
+      block.weight[k] = loss.weight(block.squared[k]);
+      lane_cost[begin + k] = 0.5 * loss.cost(block.squared[k]);
+    }
+  }
+  for (int k = 0; k < kBundleLanes; ++k) lane_sums[k] += lane_cost[begin + k];
+  return loses;
 }
 
 template <int N>
 void BundleCore<N>::store_block(int begin, const Block& block) {
-  std::memcpy(&point_terms_[9 * static_cast<size_t>(begin)], block.point, sizeof(block.point));
   for (int k = 0; k < kBundleLanes; ++k) {
+    double* terms = &point_terms_[9 * static_cast<size_t>(begin + k)];
+    for (int c = 0; c < 9; ++c) terms[c] = block.point[c][k];
     const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
     if (lane.slot < 0) continue;
     double* cross = system_.cross(lane.slot);
@@ -319,9 +334,8 @@ void BundleCore<N>::sum_points(int begin, int end) {
   for (int p = begin; p < end; ++p) {
     double sum[9] = {};
     for (int k = layout_.lane_begin[p]; k < layout_.lane_begin[p + 1]; ++k) {
-      const int lane = layout_.lanes_of_point[k];
-      const double* terms = &point_terms_[9 * static_cast<size_t>(lane - lane % kBundleLanes)];
-      for (int c = 0; c < 9; ++c) sum[c] += terms[kBundleLanes * c + lane % kBundleLanes];
+      const double* terms = &point_terms_[9 * static_cast<size_t>(layout_.lanes_of_point[k])];
+      for (int c = 0; c < 9; ++c) sum[c] += terms[c];
     }
     PointBlock& point = system_.point(p);
     std::copy_n(sum, 6, point.v);

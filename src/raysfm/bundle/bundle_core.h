@@ -48,10 +48,10 @@ class BundleCore {
   void move(State& state) const;
   double work(State& state, bool linearize);
   double work_on_chunk(int chunk, State& state, bool linearize);
-  double work_on_group(const ObservationLayout::Group& group, State& state, bool linearize);
+  double work_on_group(const ObservationLayout::Group& group, State& state, bool linearize, bool* loses);
   double work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual, State& state,
-                       bool linearize);
-  void score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums);
+                       bool linearize, bool* loses);
+  bool score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums);
   void store_block(int begin, const Block& block);
   void sum_points(int begin, int end);
   bool has_residual(const State& state, int lane) const;
@@ -67,7 +67,7 @@ class BundleCore {
   SchurSystem<N> system_;
   State current_, trial_;
   AlignedVector<RayBlock> rays_;       // by block of lanes
-  AlignedVector<double> point_terms_;  // V and gp of each lane, nine rows of eight for a block
+  AlignedVector<double> point_terms_;  // V and gp of each lane
   std::vector<double> chunk_cost_;
   std::vector<uint8_t> active_;   // by lane: an inlier that has a residual
   std::vector<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <vector>
+
+#include "raysfm/bundle/bundle_problem.h"
+
+namespace raysfm {
+
+// The inliers of a problem by pose.
+struct ObservationsByPose {
+  std::vector<int> begin;  // one more than there are poses
+  std::vector<int> observations;
+  explicit ObservationsByPose(const BundleProblem& problem);
+};
+
+// Some successive poses of a problem and what they see, as a problem of its own: copies, which can be moved
+// and adjusted apart from the rest. Points that these poses see fewer than twice are left out, unless they
+// are fixed.
+class ProblemPart {
+ public:
+  // Poses [first, last) of `whole`, those before first_free held. `skip_unmoved`: without the points that no
+  // moving pose sees. Reuses its memory.
+  void cut(const BundleProblem& whole, const ObservationsByPose& by_pose, int first, int last, int first_free,
+           bool skip_unmoved);
+
+  BundleProblem problem();
+
+  int first() const { return first_; }
+  int last() const { return first_ + static_cast<int>(poses.size()); }
+  bool is_anchored() const;  // a pose or a point is fixed
+
+  std::vector<Rigid3> poses;
+  std::vector<BalLens> lenses;
+  std::vector<Eigen::Vector3d> points;
+  std::vector<int> point_ids;  // index in the whole, by point of the part
+
+  // Copies what is free back.
+  void store(const BundleProblem& whole) const;
+
+ private:
+  void number_points(const BundleProblem& whole, const ObservationsByPose& by_pose, bool skip_unmoved);
+
+  std::span<const Camera> cameras_;
+  int first_ = 0;
+  std::vector<uint8_t> pose_is_free_, point_is_fixed_;
+  std::vector<BundleObservation> observations_;
+  std::vector<ObservedRay> rays_;
+  std::vector<int> sightings_, local_;  // by point of the whole; zero and -1 between two cuts
+  std::vector<uint8_t> moves_;
+  bool has_lenses_ = false;
+};
+
+}  // namespace raysfm
