@@ -3,6 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "support/wide_camera_texts.h"
+
 namespace raysfm::testing_support {
 
 // Small camera files, one of each format that is read.
@@ -154,8 +156,10 @@ inline const std::string kColmapText =
     "1 OPENCV 640 480 526.2 527.3 320 240 -0.02 0.01 0.001 -0.002\n";
 
 inline std::vector<std::string> camera_texts() {
-  return {kProjectYaml, kKalibrYaml, kOpenVinsYaml, kEurocYaml,
-          kOpenCvYaml,  kOpenCvXml,  kKittiText,    kColmapText};
+  std::vector<std::string> texts = {kProjectYaml, kKalibrYaml, kOpenVinsYaml, kEurocYaml,
+                                    kOpenCvYaml,  kOpenCvXml,  kKittiText,    kColmapText};
+  for (const std::string& text : wide_camera_texts()) texts.push_back(text);
+  return texts;
 }
 
 }  // namespace raysfm::testing_support

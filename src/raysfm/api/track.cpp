@@ -39,7 +39,7 @@ Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSin
   Result<Rig> rig = read_camera_file(settings.camera, &note);
   if (!rig) return rig;
   tell(event, Event::Level::kWarning, note);
-  rig = rig_for_streams(*std::move(rig), input.streams, &note);
+  rig = rig_for_streams(*std::move(rig), input.streams, &note, settings.mono);
   if (!rig) return bad_input(fmt::format("{}: {}", settings.camera, rig.error().message));
   tell(event, Event::Level::kWarning, note);
   if (input.calibration_file) {

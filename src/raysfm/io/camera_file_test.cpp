@@ -165,24 +165,6 @@ TEST(CameraFile, FilesThatCannotBeReadAreNamed) {
   EXPECT_NE(read_camera_file(large).error().message.find("bytes"), std::string::npos);
 }
 
-TEST(CameraFile, ReadsTheSharedCalibrations) {
-  RAYSFM_SKIP_WITHOUT_SHARED_DATA("calibrations");
-  for (const char* name :
-       {"fr1-rpy/camera.yaml", "kitti06-stereo/camera.yaml", "redkitchen-handheld/camera.yaml",
-        "temple-ring/camera.yaml", "rendered/tri-rig/camera.yaml", "rendered/zoom/camera.yaml",
-        "calibrations/kalibr/euroc_mav.yaml", "calibrations/kalibr/rs_d455.yaml",
-        "calibrations/kalibr/rpng_sim.yaml", "calibrations/kalibr/kaist_vio.yaml",
-        "calibrations/kalibr/kaist.yaml", "calibrations/opencv/intrinsics.yml", "kitti07-mono/calib.txt"}) {
-    const Result<Rig> rig = read_camera_file(shared_data(name));
-    EXPECT_TRUE(rig) << rig.error().message;
-  }
-  // Models that are not there yet are named, with those that are.
-  const Result<Rig> fisheye = read_camera_file(shared_data("calibrations/kalibr/tum_vi.yaml"));
-  ASSERT_FALSE(fisheye);
-  EXPECT_NE(fisheye.error().message.find("equidistant"), std::string::npos);
-  EXPECT_NE(fisheye.error().message.find("radtan"), std::string::npos);
-}
-
 // The data set of EuRoC describes its rig in two forms.
 TEST(CameraFile, KalibrAndEurocAgreeOnTheSameRig) {
   RAYSFM_SKIP_WITHOUT_SHARED_DATA("calibrations");

@@ -103,15 +103,20 @@ void read_if_named(const std::string& name, const ConfigField& camera, int width
   }
 }
 
-CameraModel read_model(const ConfigField& camera, int width, int height) {
-  const std::string name = camera.at("model").text();
+// The name of a model that there is; reports others.
+std::string read_model_name(const ConfigField& field) {
+  const std::string name = field.text();
+  bool known = false;
+  for_each_model([&](auto model) { known |= model.kName == name; });
+  if (!known) field.report(supported_models());
+  return name;
+}
+
+CameraModel read_model(const ConfigField& camera, const std::string& name, int width, int height) {
   std::optional<CameraModel> model;
   for_each_model(
       [&](auto candidate) { read_if_named<decltype(candidate)>(name, camera, width, height, &model); });
-  if (!model) {
-    camera.at("model").report(supported_models());
-    return Pinhole{};
-  }
+  if (!model) return Pinhole{};
   const std::optional<ParameterProblem> problem = find_problem(*model);
   if (problem && !camera.problem().any()) {
     const ParameterPlace place = place_of(problem->name);
@@ -163,9 +168,10 @@ Camera read_camera(const ConfigField& field) {
   Camera camera;
   camera.name = field.at("name").text();
   if (camera.name.empty()) field.at("name").report("a name");
+  const std::string model = read_model_name(field.at("model"));
   read_image_part(field, &camera);
-  camera.model = read_model(field, camera.width, camera.height);
-  field.allow_only(camera_fields(field.at("model").text()));
+  camera.model = read_model(field, model, camera.width, camera.height);
+  field.allow_only(camera_fields(model));
   camera.rig_from_cam = read_rig_from_cam(field.at("rig_from_cam"));
   if (field.at("stream").exists()) camera.stream = field.at("stream").integer(0, kMaxCameras - 1);
   if (field.at("mask").exists()) {

@@ -181,7 +181,7 @@ Result<CameraModel> camera_model_from_colmap(int32_t model, std::span<const doub
   }
   const std::optional<CameraModel> wide = wide_model(model, p);
   if (wide) return *wide;
-  return bad_input(fmt::format("{} with these parameters has no counterpart here; the others of {} have",
+  return bad_input(fmt::format("{} has no counterpart here with these parameters; the others of {} have",
                                known->name, colmap_model_names()));
 }
 

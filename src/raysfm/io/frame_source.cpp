@@ -68,14 +68,35 @@ Result<void> fit(const FrameSource& stream, Camera* camera) {
                                stream.description()));
 }
 
+// Streams of images that differ in length cannot be of one rig. What a video's container says of its length
+// is no proof.
+Result<void> check_lengths(const Input& first, const Input& other) {
+  const auto listed = [](const Input& input) { return input.layout != "video" && input.layout != "device"; };
+  if (!listed(first) || !listed(other)) return {};
+  const FrameSource& a = *first.streams.front();
+  for (const auto& b : other.streams) {
+    if (a.frame_count() == b->frame_count()) continue;
+    return bad_input(fmt::format("{}: {} images; allowed: as many as in {}, {}", b->description(),
+                                 b->frame_count(), a.description(), a.frame_count()));
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSource>>& streams,
-                            std::string* note) {
+                            std::string* note, bool mono) {
   const int count = static_cast<int>(streams.size());
   std::string left_out;
   for (const Camera& camera : rig.cameras) {
-    if (camera.stream >= count) left_out += (left_out.empty() ? "" : ", ") + camera.name;
+    if (camera.stream < count) continue;
+    if (!mono) {
+      return bad_input(
+          fmt::format("camera {}: stream: {}; allowed: 0 to {}, one for each stream of the input, or "
+                      "--mono for the first alone",
+                      camera.name, camera.stream, count - 1));
+    }
+    left_out += (left_out.empty() ? "" : ", ") + camera.name;
   }
   std::erase_if(rig.cameras, [&](const Camera& camera) { return camera.stream >= count; });
   if (note)
@@ -113,10 +134,11 @@ Result<Input> open_input(const std::vector<std::string>& inputs, const InputOpti
   for (size_t i = 1; i < inputs.size(); ++i) {
     Result<Input> next = open_one(inputs[i], options);
     if (!next) return next;
+    if (const Result<void> alike = check_lengths(*all, *next); !alike) return alike.error();
     for (auto& stream : next->streams) all->streams.push_back(std::move(stream));
   }
   if (all->calibration) {
-    Result<Rig> rig = rig_for_streams(std::move(*all->calibration), all->streams, nullptr);
+    Result<Rig> rig = rig_for_streams(std::move(*all->calibration), all->streams, nullptr, options.mono);
     if (!rig) return bad_input(fmt::format("{}: {}", all->calibration_file->string(), rig.error().message));
     all->calibration = std::move(*rig);
   }

@@ -64,16 +64,17 @@ struct Input {
   std::optional<std::filesystem::path> mask;   // mask.png found beside the images
 };
 
-// The rig for streams that are open: sizes that the camera file did not say are taken from the streams, and
-// cameras whose stream is not there are left out, of which `note` tells (e.g. the right one of a stereo pair
-// with --mono). Errors: bad input, where the size of a camera is not that of its stream, a roi is not inside
-// it, or a stream has no camera.
+// The rig for streams that are open: sizes that the camera file did not say are taken from the streams. With
+// `mono`, cameras whose stream is not there are left out, of which `note` tells (e.g. the right one of a
+// stereo pair). Errors: bad input, where the stream of a camera is missing, the size of a camera is not that
+// of its stream, a roi is not inside it, or a stream has no camera.
 Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSource>>& streams,
-                            std::string* note);
+                            std::string* note, bool mono = false);
 
 // Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
 // layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are
-// the streams of a rig, in their order. Errors: bad input, naming the file and what is wrong with it.
+// the streams of a rig, in their order; those that are images have one number of them. Errors: bad input,
+// naming the file and what is wrong with it.
 Result<Input> open_input(const std::vector<std::string>& inputs, const InputOptions& options);
 
 }  // namespace raysfm

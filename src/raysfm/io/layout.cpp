@@ -160,6 +160,11 @@ Result<void> open_euroc(const fs::path& root, const InputOptions& options, Input
     timestamps.push_back(static_cast<double>(nanoseconds) * 1e-9);
     for (size_t i = 0; i < folders.size(); ++i) files[i].push_back(folders[i] / "data" / lists[i].at(key));
   }
+  if (timestamps.empty() && folders.size() > 1) {
+    return bad_input(
+        fmt::format("{}: no timestamp; allowed: some that the lists of all {} cameras have, or --mono",
+                    (folders.front() / "data.csv").string(), folders.size()));
+  }
   for (size_t i = 0; i < folders.size(); ++i) {
     auto stream = open_images(folders[i].string(), std::move(files[i]), timestamps);
     if (!stream) return stream.error();

@@ -171,6 +171,8 @@ TEST(Layout, EurocPairsFramesByTime) {
   }
   EXPECT_EQ(read_all(*open(folder.path(), {.mono = true, .ignore_calibration = true})->streams[0])->size(),
             3u);
+  folder.file("mav0/cam1/data.csv", head + "1403636579763555585,0.png\n");
+  expect_says(message_of(open(folder.path())), "all 2 cameras");
   folder.file("mav0/cam1/data.csv", head + "1403636579763555584 0.png\n");
   folder.file("mav0/cam1/data.csv", head + "12x,0.png\n");
   expect_says(message_of(open(folder.path())), "line 2");
@@ -262,6 +264,36 @@ TEST(OpenInput, SeveralInputsAreStreams) {
   EXPECT_FALSE(input->calibration);
   EXPECT_TRUE(open_input({left.string()}, {})->calibration);
   EXPECT_EQ(open_input({(left / "1.png").string()}, {})->streams[0]->frame_count(), 1);
+  expect_says(message_of(open_input({left.string(), (right / "1.png").string()}, {})), "1 images; allowed");
+}
+
+// A rig's folder gives every stream with its camera; cameras without a stream, or of another size, are named.
+TEST(OpenInput, ARigNeedsAllItsStreams) {
+  const TemporaryFolder folder;
+  for (const char* name : {"cam0", "cam1"}) write_images(folder.path() / name, 3);
+  const auto camera = [](const std::string& name, int stream, const std::string& size) {
+    return "  - {name: " + name + ", model: pinhole, resolution: " + size +
+           ", intrinsics: {fx: 30, fy: 30, cx: 16, cy: 12}, stream: " + std::to_string(stream) + "}\n";
+  };
+  const std::string head = "raysfm_camera: 1\ncameras:\n", size = "[32, 24]";
+  const auto with_cameras = [&](const std::string& cameras, bool mono = false) {
+    folder.file("camera.yaml", head + cameras);
+    return open(folder.path(), {.mono = mono});
+  };
+  const Result<Input> pair = with_cameras(camera("a", 0, size) + camera("b", 1, size));
+  ASSERT_TRUE(pair) << pair.error().message;
+  EXPECT_EQ(pair->streams.size(), 2u);
+  EXPECT_EQ(pair->calibration->cameras.size(), 2u);
+  const Result<Input> mono = with_cameras(camera("a", 0, size) + camera("b", 1, size), true);
+  ASSERT_TRUE(mono) << mono.error().message;
+  EXPECT_EQ(mono->streams.size(), 1u);
+  EXPECT_EQ(mono->calibration->cameras.size(), 1u);
+  expect_says(message_of(with_cameras(camera("a", 0, size) + camera("b", 2, size))), "camera b: stream: 2");
+  expect_says(message_of(with_cameras(camera("a", 0, size))), "no camera");
+  expect_says(message_of(with_cameras(camera("a", 0, size) + camera("b", 1, "[30, 24]"))),
+              "camera b: resolution: 30 x 24");
+  fs::remove(folder.path() / "cam1" / "2.png");
+  expect_says(message_of(with_cameras(camera("a", 0, size) + camera("b", 1, size))), "2 images");
 }
 
 TEST(RigForStreams, FitsTheRigToWhatIsThere) {
@@ -275,12 +307,14 @@ TEST(RigForStreams, FitsTheRigToWhatIsThere) {
   rig.cameras[1].name = "far";
   rig.cameras[1].stream = 1;
   std::string note;
-  const Result<Rig> fitted = rig_for_streams(rig, input->streams, &note);
+  const Result<Rig> fitted = rig_for_streams(rig, input->streams, &note, true);
   ASSERT_TRUE(fitted) << fitted.error().message;
   ASSERT_EQ(fitted->cameras.size(), 1u);
   EXPECT_EQ(fitted->cameras[0].height, 24);
   expect_says(note, "far");
+  expect_says(rig_for_streams(rig, input->streams, nullptr).error().message, "camera far: stream: 1");
 
+  rig.cameras.resize(1);
   rig.cameras[0].width = 31;
   rig.cameras[0].height = 24;
   expect_says(rig_for_streams(rig, input->streams, nullptr).error().message, "31 x 24; allowed: the 32 x 24");
@@ -289,7 +323,7 @@ TEST(RigForStreams, FitsTheRigToWhatIsThere) {
   rig.cameras[0].roi = {2, 0, 31, 24};
   expect_says(rig_for_streams(rig, input->streams, nullptr).error().message, "roi");
   rig.cameras[0].stream = 1;
-  expect_says(rig_for_streams(rig, input->streams, nullptr).error().message, "no camera");
+  expect_says(rig_for_streams(rig, input->streams, nullptr, true).error().message, "no camera");
 }
 
 TEST(SharedSequences, OpenWithTheirCalibration) {
