@@ -1,0 +1,249 @@
+#include "raysfm/uncalibrated/reconstruct.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "raysfm/uncalibrated/absolute_quadric.h"
+#include "raysfm/uncalibrated/degeneracy.h"
+#include "raysfm/uncalibrated/projective_start.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kCandidates = 3;
+
+Result<void> check_options(const SolveOptions& options) {
+  if (!(options.max_error_px > 0)) return bad_input("max_error_px: must be above 0");
+  if (!(options.principal_point_sigma >= 0)) return bad_input("principal_point_sigma: must be 0 or more");
+  if (options.max_samples < 1) return bad_input("max_samples: must be 1 or more");
+  return {};
+}
+
+LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal) {
+  LensConstraints constraints;
+  constraints.equal = equal;
+  constraints.principal_point = tracks.centre();
+  // Relative to the noise of an observation, of which a third of the largest error allowed is a fair guess.
+  constraints.principal_point_sigma =
+      options.principal_point_sigma * tracks.image_size.maxCoeff() / (options.max_error_px / 3);
+  return constraints;
+}
+
+// Tracks in units of half the image's larger side about its centre.
+struct Units {
+  double scale;
+  Eigen::Vector2d centre;
+
+  explicit Units(const PointTracks& tracks)
+      : scale(0.5 * tracks.image_size.maxCoeff()), centre(tracks.centre()) {}
+  PointTracks apply(const PointTracks& tracks) const {
+    PointTracks scaled = tracks;
+    for (Eigen::Vector2d& p : scaled.pixel) p = (p - centre) / scale;
+    return scaled;
+  }
+  Lens undo(const Lens& lens) const {
+    return {scale * lens.fx, scale * lens.fy, scale * lens.cx + centre.x(), scale * lens.cy + centre.y(),
+            scale * lens.skew};
+  }
+};
+
+// Metric scenes of all images and points; what is not posed or placed is zero.
+std::vector<UncalibratedScene> metric_starts(const PointTracks& tracks, const Units& units,
+                                             const ProjectiveStart& start, bool equal) {
+  const std::vector<double> weights(start.inlier.begin(), start.inlier.end());
+  const ObservationIndex index = index_observations(tracks, weights, nullptr, kMinPointsPerImage, 2);
+  if (index.image_count() < 2) return {};
+  ProjectiveScene part;
+  for (const int j : index.images) part.views.push_back(start.scene.views[j]);
+  for (const int i : index.points) part.points.push_back(start.scene.points[i]);
+  std::vector<UncalibratedScene> scenes;
+  for (const UncalibratedScene& metric : metric_candidates(part, index, equal, kCandidates)) {
+    UncalibratedScene& scene = scenes.emplace_back();
+    scene.cam_from_world.resize(tracks.image_count);
+    scene.lenses.resize(tracks.image_count);
+    scene.points.assign(tracks.point_count, Eigen::Vector3d::Zero());
+    for (int j = 0; j < index.image_count(); ++j) {
+      scene.cam_from_world[index.images[j]] = metric.cam_from_world[j];
+      scene.lenses[index.images[j]] = units.undo(metric.lenses[j]);
+    }
+    for (int i = 0; i < index.point_count(); ++i) scene.points[index.points[i]] = metric.points[i];
+  }
+  return scenes;
+}
+
+Result<LensAdjustmentSummary> adjust(const PointTracks& tracks, const std::vector<double>& weights,
+                                     const LensAdjustmentOptions& options, LensMethod method,
+                                     UncalibratedScene* scene) {
+  switch (method) {
+    case LensMethod::kIntrinsicsFree:
+      return adjust_intrinsics_free(tracks, weights, options, scene);
+    case LensMethod::kStandard:
+      return adjust_standard(tracks, weights, options, scene);
+    case LensMethod::kPolished:
+      break;
+  }
+  return adjust_polished(tracks, weights, options, scene);
+}
+
+struct Solution {
+  UncalibratedScene scene;
+  LensAdjustmentSummary summary;
+  std::vector<uint8_t> inlier;
+};
+
+// Where the scene agrees with the observations; only points with two such are kept.
+std::vector<uint8_t> judge(const PointTracks& tracks, const UncalibratedScene& scene,
+                           const std::vector<uint8_t>& posed, const std::vector<uint8_t>& placed,
+                           double max_error) {
+  std::vector<uint8_t> inlier(tracks.size(), 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    if (!posed[image] || !placed[point]) continue;
+    const Eigen::Vector3d x = scene.cam_from_world[image] * scene.points[point];
+    if (!(x.z() > 0)) continue;
+    inlier[k] = (scene.lenses[image].pixel(x.hnormalized()) - tracks.pixel[k]).norm() < max_error;
+  }
+  return inlier;
+}
+
+// The candidate that ends in the least cost, adjusted again with the observations that then agree with it.
+Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart& start, const Units& units,
+                               const SolveOptions& options, bool equal) {
+  LensAdjustmentOptions adjustment;
+  adjustment.constraints = constraints_for(tracks, options, equal);
+  adjustment.method = options.constraints;
+  adjustment.with_sigma = false;
+  const std::vector<double> weights(start.inlier.begin(), start.inlier.end());
+  Solution best;
+  double least = std::numeric_limits<double>::infinity();
+  Error reason = no_reconstruction("self-calibration: no absolute quadric is positive, at any focal length");
+  for (UncalibratedScene& scene : metric_starts(tracks, units, start, equal)) {
+    auto summary = adjust(tracks, weights, adjustment, options.method, &scene);
+    if (!summary) {
+      reason = summary.error();
+      continue;
+    }
+    // What ended behind a camera or was dropped costs as much as an outlier.
+    const double cost = summary->lm.final_cost +
+                        0.5 * std::pow(options.max_error_px, 2) *
+                            (double(std::count(start.inlier.begin(), start.inlier.end(), 1)) - summary->used);
+    if (!(cost < least)) continue;
+    least = cost;
+    best.scene = std::move(scene);
+  }
+  if (!std::isfinite(least)) return reason;
+  adjustment.with_sigma = true;
+  adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
+  best.inlier = judge(tracks, best.scene, start.image_posed, start.point_placed, options.max_error_px);
+  const std::vector<double> kept(best.inlier.begin(), best.inlier.end());
+  auto summary = adjust(tracks, kept, adjustment, options.method, &best.scene);
+  if (!summary) return summary.error();
+  best.summary = std::move(*summary);
+  best.inlier = judge(tracks, best.scene, start.image_posed, start.point_placed, options.max_error_px);
+  return best;
+}
+
+double inlier_cost(const PointTracks& tracks, const Solution& solution, double max_error) {
+  double sum = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const Eigen::Vector3d x =
+        solution.scene.cam_from_world[tracks.image[k]] * solution.scene.points[tracks.point[k]];
+    const Lens& lens = solution.scene.lenses[tracks.image[k]];
+    const double error2 =
+        x.z() > 0 ? (lens.pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm() : INFINITY;
+    sum += std::min(error2, max_error * max_error);
+  }
+  return sum;
+}
+
+// Fixed unless one lens for each image lowers the sum of squares by more than its numbers are worth
+// (Bayesian information criterion).
+struct LensChoice {
+  bool zooming;
+  std::string evidence;
+};
+LensChoice choose(const PointTracks& tracks, const Solution& fixed, const Solution& zoom, int images,
+                  double max_error) {
+  const double observations = 2.0 * tracks.size();
+  const double of_fixed = inlier_cost(tracks, fixed, max_error),
+               of_zoom = inlier_cost(tracks, zoom, max_error);
+  const double gain = observations * std::log(of_fixed / std::max(of_zoom, 1e-12 * observations));
+  const double price = 3.0 * (images - 1) * std::log(observations);
+  const bool zooming = gain > price;
+  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / tracks.size())); };
+  return {zooming, "rms " + rms(of_fixed) + " px with one lens, " + rms(of_zoom) +
+                       " px with one for each image: " + (zooming ? "more than" : "not more than") +
+                       " the added numbers explain"};
+}
+
+void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solution,
+          UncalibratedReconstruction* result) {
+  result->image_posed.assign(tracks.image_count, 0);
+  result->point_placed.assign(tracks.point_count, 0);
+  std::vector<int> in_image(tracks.image_count, 0), of_point(tracks.point_count, 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    in_image[tracks.image[k]] += solution.inlier[k];
+    of_point[tracks.point[k]] += solution.inlier[k];
+  }
+  for (int j = 0; j < tracks.image_count; ++j) result->image_posed[j] = in_image[j] >= kMinPointsPerImage;
+  for (int i = 0; i < tracks.point_count; ++i) result->point_placed[i] = of_point[i] >= 2;
+  double sum = 0;
+  int count = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    solution.inlier[k] &= result->image_posed[image] & result->point_placed[point];
+    if (!solution.inlier[k]) continue;
+    const Eigen::Vector3d x = solution.scene.cam_from_world[image] * solution.scene.points[point];
+    sum += (solution.scene.lenses[image].pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm();
+    ++count;
+  }
+  result->rms_px = count > 0 ? std::sqrt(sum / count) : 0;
+  result->scene = std::move(solution.scene);
+  result->inlier = std::move(solution.inlier);
+  result->lens_sigma = solution.summary.lens_sigma;
+  result->adjustment = std::move(solution.summary);
+  std::copy_n(start.images, 2, result->start_images);
+  result->start_inliers = start.pair_inliers;
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options) {
+  if (auto ok = validate(tracks); !ok) return ok.error();
+  if (auto ok = check_options(options); !ok) return ok.error();
+  const Units units(tracks);
+  const ProjectiveStartOptions start_options{.max_error = options.max_error_px / units.scale,
+                                             .max_samples = options.max_samples,
+                                             .seed = options.seed};
+  const auto start = projective_start(units.apply(tracks), start_options);
+  if (!start) return start.error();
+  const int posed = static_cast<int>(std::count(start->image_posed.begin(), start->image_posed.end(), 1));
+  UncalibratedReconstruction result;
+  if (options.lens == LensChange::kAuto) {
+    auto fixed = best_solution(tracks, *start, units, options, true);
+    auto zoom = best_solution(tracks, *start, units, options, false);
+    if (!fixed && !zoom) return fixed.error();
+    if (fixed && zoom) {
+      const LensChoice choice = choose(tracks, *fixed, *zoom, posed, options.max_error_px);
+      result.zooming = choice.zooming;
+      result.lens_evidence = choice.evidence;
+    } else {
+      result.zooming = !fixed;
+      result.lens_evidence =
+          std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens");
+    }
+    fill(tracks, *start, std::move(result.zooming ? *zoom : *fixed), &result);
+  } else {
+    result.zooming = options.lens == LensChange::kZoom;
+    result.lens_evidence = "as asked for";
+    auto solution = best_solution(tracks, *start, units, options, !result.zooming);
+    if (!solution) return solution.error();
+    fill(tracks, *start, std::move(*solution), &result);
+  }
+  result.degenerate =
+      name_degeneracy(result.scene, result.image_posed, result.point_placed, result.lens_sigma);
+  return result;
+}
+
+}  // namespace raysfm
