@@ -2,9 +2,23 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace raysfm {
 namespace {
+
+// std::visit calls through a table when a variant has more than eleven alternatives, which costs the fastest
+// models a fifth of their time. This compares the index, so that they are inlined.
+template <typename Visit, size_t... I>
+bool visit_model(const CameraModel& model, Visit visit, std::index_sequence<I...>) {
+  bool result = false;
+  (void)((model.index() == I ? (result = visit(*std::get_if<I>(&model)), true) : false) || ...);
+  return result;
+}
+template <typename Visit>
+bool visit_model(const CameraModel& model, Visit visit) {
+  return visit_model(model, visit, std::make_index_sequence<std::variant_size_v<CameraModel>>{});
+}
 
 // Solid angle of one pixel around `pixel`; false where it sees nothing.
 bool solid_angle(const Camera& camera, const Eigen::Vector2d& pixel, double* steradians) {
@@ -22,20 +36,18 @@ bool solid_angle(const Camera& camera, const Eigen::Vector2d& pixel, double* ste
 }  // namespace
 
 bool Camera::ray(const Eigen::Vector2d& pixel, Ray* ray) const {
-  return std::visit([&](const auto& m) { return model_ray(m, pixel, ray); }, model);
+  return visit_model(model, [&](const auto& m) { return model_ray(m, pixel, ray); });
 }
 
 bool Camera::project(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
                      Eigen::Matrix<double, 2, 3>* jacobian) const {
-  return std::visit(
-      [&](const auto& m) {
-        if constexpr (ProjectiveModel<std::decay_t<decltype(m)>>) {
-          return m.project(point_in_cam, pixel, jacobian);
-        } else {
-          return false;
-        }
-      },
-      model);
+  return visit_model(model, [&](const auto& m) {
+    if constexpr (ProjectiveModel<std::decay_t<decltype(m)>>) {
+      return m.project(point_in_cam, pixel, jacobian);
+    } else {
+      return false;
+    }
+  });
 }
 
 bool Camera::can_project() const {

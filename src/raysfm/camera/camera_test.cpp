@@ -59,6 +59,43 @@ TEST(Camera, ModelsHaveTheNamesOfTheCameraFile) {
   EXPECT_EQ(model_name(Pinhole{}), "pinhole");
   EXPECT_EQ(model_name(Radtan{}), "radtan");
   EXPECT_EQ(model_name(Rational{}), "rational");
+  EXPECT_EQ(model_name(KannalaBrandt{}), "kannala-brandt");
+  EXPECT_EQ(model_name(Unified{}), "unified");
+  EXPECT_EQ(model_name(DoubleSphere{}), "double-sphere");
+  EXPECT_EQ(model_name(Eucm{}), "eucm");
+  EXPECT_EQ(model_name(OCam{}), "ocam");
+  EXPECT_EQ(model_name(Equirectangular{}), "equirectangular");
+  EXPECT_EQ(model_name(Mirror{}), "mirror");
+  EXPECT_EQ(model_name(CentralRayTable{}), "ray-table");
+  EXPECT_EQ(model_name(NonCentralRayTable{}), "ray-table");
+}
+
+TEST(Camera, OnlyMirrorsAndTablesCannotProject) {
+  for (const CameraModel& model : {CameraModel(Pinhole{}), CameraModel(KannalaBrandt{}), CameraModel(OCam{}),
+                                   CameraModel(Equirectangular{})}) {
+    EXPECT_TRUE(make_camera(model).can_project()) << model_name(model);
+  }
+  for (const CameraModel& model :
+       {CameraModel(Mirror{}), CameraModel(CentralRayTable{}), CameraModel(NonCentralRayTable{})}) {
+    EXPECT_FALSE(make_camera(model).can_project());
+    Eigen::Vector2d pixel;
+    EXPECT_FALSE(make_camera(model).project({0, 0, 1}, &pixel));
+  }
+}
+
+// On the axis a pixel of these is an angle of 1 / f, of 1 / (f / (1 + xi)) for the unified model.
+TEST(Camera, PixelsPerRadianOfOtherModels) {
+  EXPECT_NEAR(make_camera(KannalaBrandt{300, 300, 319.5, 239.5, 0.1}).pixels_per_radian(), 300, 0.01);
+  EXPECT_NEAR(make_camera(Unified{300, 300, 319.5, 239.5, 0.5}).pixels_per_radian(), 200, 0.01);
+  // 640 pixels for a turn, 480 for half of one.
+  EXPECT_NEAR(make_camera(Equirectangular::for_image(640, 480)).pixels_per_radian(),
+              std::sqrt(640 * 480 / 2.0) / 3.14159265, 0.01);
+  // A mirror's centre is blind.
+  const Mirror mirror =
+      Mirror::from_parameters({1230, 1230, 319.5, 239.5, 0.1, 0, 0.083, 0, 0, 0.4, 0, 0, 0, 1, 0.02});
+  Ray ray;
+  ASSERT_FALSE(mirror.ray({319.5, 239.5}, &ray));
+  EXPECT_GT(make_camera(mirror).pixels_per_radian(), 100);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <numbers>
 
 namespace raysfm {
 namespace {
@@ -96,26 +96,97 @@ bool solve(const Miss& miss, double max_step, Eigen::Vector2d* pixel) {
   return false;
 }
 
+// Cells of a cube around the origin: `n` x `n` on each of its six sides.
+int cube_cell(const Eigen::Vector3d& direction, int n) {
+  int axis = 0;
+  const double largest = direction.cwiseAbs().maxCoeff(&axis);
+  const auto index = [&](double along) {
+    return std::clamp(static_cast<int>((along / largest + 1) * 0.5 * n), 0, n - 1);
+  };
+  const int side = 2 * axis + (direction[axis] < 0 ? 1 : 0);
+  return (side * n + index(direction[(axis + 1) % 3])) * n + index(direction[(axis + 2) % 3]);
+}
+
+// The direction of a cell's centre, not of unit length.
+Eigen::Vector3d cube_direction(int cell, int n) {
+  const int side = cell / (n * n), axis = side / 2;
+  Eigen::Vector3d direction;
+  direction[axis] = side % 2 ? -1 : 1;
+  direction[(axis + 1) % 3] = (cell / n % n + 0.5) * 2 / n - 1;
+  direction[(axis + 2) % 3] = (cell % n + 0.5) * 2 / n - 1;
+  return direction;
+}
+
+int largest_of(const float* scores, int count) {
+  int best = -1;
+  float best_score = -1;
+  for (int i = 0; i < count; ++i) {
+    if (scores[i] > best_score) best_score = scores[best = i];
+  }
+  return best;
+}
+
 }  // namespace
 
 PixelFinder::PixelFinder(const Camera& camera) : camera_(camera), projects_(camera.can_project()) {
   if (projects_) return;
-  for (auto* array : {&ox_, &oy_, &oz_, &dx_, &dy_, &dz_}) array->assign(kGrid * kGrid, 0.0f);
-  for (int i = 0; i < kGrid * kGrid; ++i) {
-    Ray ray;
-    if (!camera_.ray(grid_pixel(i), &ray)) ray.direction.setZero();
-    ox_[i] = static_cast<float>(ray.origin.x());
-    oy_[i] = static_cast<float>(ray.origin.y());
-    oz_[i] = static_cast<float>(ray.origin.z());
-    dx_[i] = static_cast<float>(ray.direction.x());
-    dy_[i] = static_cast<float>(ray.direction.y());
-    dz_[i] = static_cast<float>(ray.direction.z());
+  tabulate_rays();
+  tabulate_directions();
+}
+
+void PixelFinder::tabulate_rays() {
+  constexpr int kCount = kGrid * kGrid;
+  for (auto* array : {&ox_, &oy_, &oz_, &dx_, &dy_, &dz_}) array->assign(kCount, 0.0f);
+  std::vector<Ray> rays(kCount);
+  std::vector<Eigen::Vector3d> origins;
+  for (int i = 0; i < kCount; ++i) {
+    if (camera_.ray(grid_pixel(i), &rays[i])) {
+      origins.push_back(rays[i].origin);
+    } else {
+      rays[i] = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+    }
+    ox_[i] = static_cast<float>(rays[i].origin.x());
+    oy_[i] = static_cast<float>(rays[i].origin.y());
+    oz_[i] = static_cast<float>(rays[i].origin.z());
+    dx_[i] = static_cast<float>(rays[i].direction.x());
+    dy_[i] = static_cast<float>(rays[i].direction.y());
+    dz_[i] = static_cast<float>(rays[i].direction.z());
+  }
+  for (const Eigen::Vector3d& origin : origins) centre_ += origin / static_cast<double>(origins.size());
+  for (const Eigen::Vector3d& origin : origins) spread_ = std::max(spread_, (origin - centre_).norm());
+
+  // What the pixels around a ray see lies within twice the angle to its farthest neighbour, and the table of
+  // directions may be off by half a cell's diagonal.
+  const double cell = std::sqrt(2.0) * (std::numbers::pi / 4) / (kCube / 2);
+  min_cosine_.assign(kCount, -1);
+  for (int i = 0; i < kCount; ++i) {
+    double farthest = 0;
+    for (int n = 0; n < 9; ++n) {
+      const int column = i % kGrid + n % 3 - 1, row = i / kGrid + n / 3 - 1;
+      if (column < 0 || row < 0 || column >= kGrid || row >= kGrid) continue;
+      const Eigen::Vector3d& other = rays[row * kGrid + column].direction;
+      if (!other.isZero(0))
+        farthest = std::max(farthest, std::acos(std::min(1.0, rays[i].direction.dot(other))));
+    }
+    if (farthest > 0)
+      min_cosine_[i] = static_cast<float>(std::cos(std::min(std::numbers::pi, 2 * farthest + cell)));
   }
 }
 
-Eigen::Vector2d PixelFinder::grid_pixel(int index) const {
-  return {(index % kGrid + 0.5) * camera_.width / kGrid - 0.5,
-          (index / kGrid + 0.5) * camera_.height / kGrid - 0.5};
+void PixelFinder::tabulate_directions() {
+  constexpr double kFar = 1e3;  // of the spread: origins do not matter
+  nearest_.resize(6 * kCube * kCube);
+  std::array<float, kGrid * kGrid> scores;
+  for (size_t i = 0; i < nearest_.size(); ++i) {
+    const Eigen::Vector3d direction = cube_direction(static_cast<int>(i), kCube);
+    score((centre_ + std::max(1.0, kFar * spread_) * direction).cast<float>(), scores.data());
+    nearest_[i] = largest_of(scores.data(), kGrid * kGrid);
+  }
+}
+
+Eigen::Vector2d PixelFinder::grid_pixel(int ray) const {
+  return {(ray % kGrid + 0.5) * camera_.width / kGrid - 0.5,
+          (ray / kGrid + 0.5) * camera_.height / kGrid - 0.5};
 }
 
 bool PixelFinder::find(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pixel,
@@ -123,7 +194,8 @@ bool PixelFinder::find(const Eigen::Vector3d& point_in_cam, Eigen::Vector2d* pix
   return projects_ ? camera_.project(point_in_cam, pixel, jacobian) : search(point_in_cam, pixel, jacobian);
 }
 
-// Squared cosine of the angle between each ray of the grid and the point, negative beyond a right angle.
+// Cosine of the angle between each ray of the grid and the point, squared with its sign. Not a number where
+// there is no ray.
 void PixelFinder::score(const Eigen::Vector3f& point, float* scores) const {
   const float x = point.x(), y = point.y(), z = point.z();
   const float *ox = ox_.data(), *oy = oy_.data(), *oz = oz_.data();
@@ -131,50 +203,67 @@ void PixelFinder::score(const Eigen::Vector3f& point, float* scores) const {
   for (int i = 0; i < kGrid * kGrid; ++i) {
     const float mx = x - ox[i], my = y - oy[i], mz = z - oz[i];
     const float dot = mx * dx[i] + my * dy[i] + mz * dz[i];
-    scores[i] = dot * std::abs(dot) / (mx * mx + my * my + mz * mz);
+    const float length2 = dx[i] * dx[i] + dy[i] * dy[i] + dz[i] * dz[i];  // 1, or 0: no ray
+    scores[i] = dot * std::abs(dot) / ((mx * mx + my * my + mz * mz) * length2);
   }
 }
 
 bool PixelFinder::search(const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
                          Eigen::Matrix<double, 2, 3>* jacobian) const {
-  constexpr int kAttempts = 3, kTried = 2;  // attempts start more than kTried rays of the grid apart
-  constexpr double kFar = 1e6;              // beyond it floats do not tell origins apart
-  const double distance = point.norm();
+  constexpr double kNear = 100;  // of the spread: the table of directions may mislead
+  const Eigen::Vector3d from_centre = point - centre_;
+  const double distance = from_centre.norm();
   if (!(distance > 0) || !std::isfinite(distance)) return false;
+  const int ray = nearest_[cube_cell(from_centre, kCube)];
+  if (ray < 0) return false;
+  const Eigen::Vector3d from_origin = point - Eigen::Vector3d(ox_[ray], oy_[ray], oz_[ray]);
+  const double cosine = Eigen::Vector3d(dx_[ray], dy_[ray], dz_[ray]).dot(from_origin) / from_origin.norm();
+  const bool plausible = cosine >= min_cosine_[ray];
+  if (plausible && solve_from(ray, point, pixel, jacobian)) return true;
+  return (plausible || distance < kNear * spread_) && search_all(point, ray, pixel, jacobian);
+}
+
+// From the rays of the grid nearest to the point, less those around `tried`.
+bool PixelFinder::search_all(const Eigen::Vector3d& point, int tried, Eigen::Vector2d* pixel,
+                             Eigen::Matrix<double, 2, 3>* jacobian) const {
+  constexpr int kAttempts = 3, kApart = 1;  // rays of the grid between two attempts
+  constexpr double kFar = 1e6;              // beyond it floats do not tell origins apart
   std::array<float, kGrid * kGrid> scores;
-  score((point * std::min(1.0, kFar / distance)).cast<float>(), scores.data());
-  const double max_step = 3.0 * std::max(camera_.width, camera_.height) / kGrid;
+  score((point * std::min(1.0, kFar / point.norm())).cast<float>(), scores.data());
+  scores[tried] = -1;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    int best = -1;
-    float best_score = 0;
+    const int best = largest_of(scores.data(), kGrid * kGrid);
+    if (best < 0 || !(scores[best] > 0)) return false;
+    if (solve_from(best, point, pixel, jacobian)) return true;
     for (int i = 0; i < kGrid * kGrid; ++i) {
-      if (scores[i] > best_score) best_score = scores[best = i];
-    }
-    if (best < 0) return false;
-    *pixel = grid_pixel(best);
-    Ray ray;
-    if (!camera_.ray(*pixel, &ray)) return false;
-    const Miss miss{camera_, point, TangentPlane((point - ray.origin).normalized())};
-    if (solve(miss, max_step, pixel)) {
-      if (!jacobian) return true;
-      Eigen::Vector2d f;
-      Eigen::Matrix2d by_pixel;
-      if (!miss(*pixel, &f) || !miss.jacobian(*pixel, f, 1e-3, &by_pixel) || !camera_.ray(*pixel, &ray)) {
-        return false;
-      }
-      const Eigen::Vector3d m = point - ray.origin;
-      const double depth = miss.plane.axis.dot(m);
-      const Eigen::Vector2d c = miss.plane.tangents * m / depth;
-      *jacobian = -by_pixel.inverse() * (miss.plane.tangents - c * miss.plane.axis.transpose()) / depth;
-      return jacobian->allFinite();
-    }
-    for (int i = 0; i < kGrid * kGrid; ++i) {
-      if (std::abs(i % kGrid - best % kGrid) <= kTried && std::abs(i / kGrid - best / kGrid) <= kTried) {
-        scores[i] = -1;
-      }
+      const bool near =
+          std::abs(i % kGrid - best % kGrid) <= kApart && std::abs(i / kGrid - best / kGrid) <= kApart;
+      if (near) scores[i] = -1;
     }
   }
   return false;
+}
+
+bool PixelFinder::solve_from(int start, const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
+                             Eigen::Matrix<double, 2, 3>* jacobian) const {
+  constexpr double kDifference = 1e-3;  // pixels
+  const double max_step = 4.0 * std::max(camera_.width, camera_.height) / kGrid;
+  *pixel = grid_pixel(start);
+  Ray ray;
+  if (!camera_.ray(*pixel, &ray)) return false;
+  const Miss miss{camera_, point, TangentPlane((point - ray.origin).normalized())};
+  if (!solve(miss, max_step, pixel)) return false;
+  if (!jacobian) return true;
+  Eigen::Vector2d f;
+  Eigen::Matrix2d by_pixel;
+  if (!miss(*pixel, &f) || !miss.jacobian(*pixel, f, kDifference, &by_pixel) || !camera_.ray(*pixel, &ray)) {
+    return false;
+  }
+  const Eigen::Vector3d m = point - ray.origin;
+  const double depth = miss.plane.axis.dot(m);
+  const Eigen::Vector2d c = miss.plane.tangents * m / depth;
+  *jacobian = -by_pixel.inverse() * (miss.plane.tangents - c * miss.plane.axis.transpose()) / depth;
+  return jacobian->allFinite();
 }
 
 }  // namespace raysfm
