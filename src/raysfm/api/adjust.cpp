@@ -129,6 +129,10 @@ void tell_what_is_left_out(const AdjustResult& result, const EventSink& event) {
          fmt::format("{} observations are dropped, their point is behind the camera or outside its view",
                      result.summary.dropped_observations));
   }
+  if (result.kept_start) {
+    tell(event, Event::Level::kWarning,
+         "the adjustment would have raised the cost of the whole; the model stays as it was");
+  }
 }
 
 }  // namespace

@@ -55,6 +55,7 @@ struct AdjustResult {
   BundleSummary summary;
   double initial_rms_px = 0, final_rms_px = 0;  // over the observations that take part and project
   double read_s = 0, wall_s = 0, peak_rss_mib = 0;
+  bool kept_start = false;  // the adjustment would have raised the cost, so the model is as it was
   bool interrupted = false;
 };
 

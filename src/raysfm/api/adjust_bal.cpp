@@ -61,6 +61,7 @@ Result<void> adjust_bal_file(const AdjustTask& task, BalFile* file, AdjustResult
 
   result->initial_rms_px = rms_of(problem);
   result->summary = adjust_bal(&problem, task.method, task.options);
+  if (keeps_start(result)) return {};
   result->final_rms_px = rms_of(problem);
   for (size_t i = 0; i < selection.images.size(); ++i)
     file->cameras[selection.images[i]] = problem.cameras[i];

@@ -144,6 +144,7 @@ Result<void> adjust_colmap_model(const AdjustTask& task, const std::filesystem::
   Arrays arrays = arrays_of(*model, selection, *std::move(cameras));
   result->initial_rms_px = rms_of(arrays, nullptr);
   result->summary = adjust(arrays.problem(), task.method, task.options);
+  if (keeps_start(result)) return {};
   std::vector<double> mean_errors;
   result->final_rms_px = rms_of(arrays, &mean_errors);
   write_back(arrays, selection, mean_errors, model);

@@ -35,4 +35,14 @@ AdjustSelection::AdjustSelection(std::span<const SeenPoint> seen, const std::vec
   }
 }
 
+bool keeps_start(AdjustResult* result) {
+  BundleSummary& summary = result->summary;
+  result->kept_start = !(summary.final_cost <= summary.initial_cost);
+  if (!result->kept_start) return false;
+  summary.final_cost = summary.initial_cost;
+  result->final_rms_px = result->initial_rms_px;
+  if (summary.termination != Termination::kInterrupted) summary.termination = Termination::kNoProgress;
+  return true;
+}
+
 }  // namespace raysfm

@@ -26,6 +26,9 @@ struct AdjustSelection {
 // Where the files of a COLMAP model are: the given folder, or `sparse` or `sparse/0` below it.
 std::filesystem::path model_folder(const std::filesystem::path& input);
 
+// Notes in the result that the model is to stay as it was, if its cost has risen.
+bool keeps_start(AdjustResult* result);
+
 // Adjusts the file in place and fills counts, summary and errors of the result; the model itself, times and
 // interruption are left to the caller. `ready` is called when everything has been found good.
 struct AdjustTask {

@@ -43,6 +43,7 @@ std::string report_text(const AdjustResult& result, const AdjustSettings& settin
   json["cost"] = {{"initial", s.initial_cost}, {"final", s.final_cost}};
   json["iterations"] = s.iterations;
   json["termination"] = std::string(to_string(s.termination));
+  json["kept_start"] = result.kept_start;
   json["rms_reprojection_px"] = result.final_rms_px;
   json["initial_rms_reprojection_px"] = result.initial_rms_px;
   json["segments"] = Json::array({{{"first", 0}, {"last", c.images - 1}, {"reason", "end of input"}}});
