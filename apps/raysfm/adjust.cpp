@@ -1,0 +1,121 @@
+#include "raysfm/api/adjust.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+
+#include "commands.h"
+#include "raysfm/core/timer.h"
+#include "raysfm/io/output_folder.h"
+#include "setting_flags.h"
+
+namespace raysfm::app {
+namespace {
+
+std::atomic<bool> stop_requested = false;
+volatile std::sig_atomic_t received_signal = 0;
+
+// The first signal asks for an orderly end, the second ends at once.
+void on_signal(int signal) {
+  received_signal = signal;
+  stop_requested = true;
+  std::signal(signal, SIG_DFL);
+}
+
+struct Arguments {
+  AdjustSettings settings;
+  std::string out;
+};
+
+// A line that rewrites itself on a terminal, a plain line every other second elsewhere.
+class ProgressPrinter {
+ public:
+  explicit ProgressPrinter(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+
+  void show(const IterationInfo& info) {
+    ++iterations_;
+    const double pause_ms = terminal_ ? 50 : 2000;
+    if (quiet_ || (iterations_ > 1 && milliseconds_since(shown_) < pause_ms)) return;
+    shown_ = Clock::now();
+    std::fprintf(stderr, "%siteration %d, cost %.6g%s", terminal_ ? "\r" : "", iterations_, info.cost,
+                 terminal_ ? "\033[K" : "\n");
+    dirty_ = terminal_;
+  }
+  void line(const std::string& text) {
+    if (quiet_) return;
+    finish();
+    std::fprintf(stderr, "%s\n", text.c_str());
+  }
+  void finish() {
+    if (dirty_) std::fputc('\n', stderr);
+    dirty_ = false;
+  }
+
+ private:
+  bool quiet_, terminal_, dirty_ = false;
+  int iterations_ = 0;
+  Clock::time_point shown_;
+};
+
+void print_summary(const AdjustResult& result, const std::string& out) {
+  const AdjustCounts& c = result.counts;
+  const BundleSummary& s = result.summary;
+  std::printf("%d images, %d points, %d observations, %d dropped\n", c.images - c.images_left_out,
+              c.points - c.points_left_out, s.used_observations, s.dropped_observations);
+  std::printf("cost %.6e to %.6e, rms %.4g to %.4g px, %d iterations, %s\n", s.initial_cost, s.final_cost,
+              result.initial_rms_px, result.final_rms_px, s.iterations,
+              std::string(to_string(s.termination)).c_str());
+  std::printf("%.2f s, %.0f MiB; written to %s\n", s.solve_ms / 1000.0, result.peak_rss_mib, out.c_str());
+}
+
+Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+  const AdjustSettings& settings = arguments.settings;
+  stop_requested = false;
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  ProgressPrinter printer(common.quiet);
+  AdjustCallbacks callbacks;
+  callbacks.stop = &stop_requested;
+  callbacks.ready = [&]() -> Result<void> {
+    if (auto r = check_adjust_output(settings.input, arguments.out); !r) return r;
+    return prepare_output_folder(arguments.out);
+  };
+  callbacks.progress = [&](const IterationInfo& info) { printer.show(info); };
+  callbacks.event = [&](const Event& e) {
+    printer.line((e.level == Event::Level::kWarning ? "warning: " : "") + e.message);
+  };
+  const Result<AdjustResult> result = adjust(settings, callbacks);
+  printer.finish();
+  if (!result) return result.error();
+  if (auto r = write_adjust_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
+  if (!common.quiet) print_summary(*result, arguments.out);
+  return result->interrupted ? 128 + received_signal : 0;
+}
+
+}  // namespace
+
+Command add_adjust(CLI::App& program, const CommonOptions& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* command = program.add_subcommand("adjust", "bundle adjustment of a BAL file or a COLMAP model");
+  command->footer(
+      "A BAL camera's f, k1 and k2 are refined with its pose; the intrinsics of a COLMAP model stay as they "
+      "are.");
+  command
+      ->add_option("INPUT", arguments->settings.input,
+                   "BAL file, plain or .bz2, or folder of a COLMAP model, binary or text")
+      ->required();
+  command->add_option("--out", arguments->out, "folder for the results")->required();
+  add_setting_flags(*command, setting_fields(arguments->settings));
+  return [arguments, command, &program, &common]() -> Result<int> {
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+      return r.error();
+    }
+    return run(*arguments, common);
+  };
+}
+
+}  // namespace raysfm::app
