@@ -171,16 +171,13 @@ Command add_synth(CLI::App& program, const CommonOptions& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* command = program.add_subcommand("synth", "render a sequence with exact truth");
   std::vector<SettingField> flags = setting_fields(*arguments);
-  flags.erase(flags.begin());  // the world is an argument without a name
-  CLI::Option* world =
-      command->add_option("WORLD", arguments->sequence.world, "what to film; --list names them");
+  command->add_option("--world,WORLD", arguments->sequence.world, flags.front().help + "; --list names them");
+  flags.erase(flags.begin());
   command->add_option("--out", arguments->out, "folder to write: images, times.txt, truth.txt, camera.yaml");
   add_setting_flags(*command, flags);
   command->add_flag("--list", arguments->list, "list worlds and motions");
-  return [arguments, command, world, &program, &common]() -> Result<int> {
-    const std::string given = arguments->sequence.world;
+  return [arguments, command, &program, &common]() -> Result<int> {
     if (auto r = settle_settings(setting_fields(*arguments), *command, program, common); !r) return r.error();
-    if (world->count() > 0) arguments->sequence.world = given;
     find_camera(*arguments, command->count("--camera") > 0, common.config);
     return run(*arguments, common);
   };

@@ -214,7 +214,7 @@ TEST_P(EveryModel, MaskIsWhereRaysAre) {
   for (int y = 0; y < camera.height; y += 3) {
     for (int x = 0; x < camera.width; x += 3) {
       const bool sees = mask.row(y)[x] != 0;
-      wrong += sees ? rays_around(x, y, 0.7) < 25 : rays_around(x, y, 1) == 25;
+      wrong += sees ? rays_around(x, y, 0.25) < 25 : rays_around(x, y, 0.5) == 25;
       wrong_light +=
           sees ? image.at<double>(y, x) < 60 : rays_around(x, y, 1.5) == 0 && image.at<double>(y, x) > 0;
     }

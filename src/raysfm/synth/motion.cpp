@@ -1,5 +1,6 @@
 #include "raysfm/synth/motion.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -8,6 +9,7 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/synth/curve.h"
+#include "raysfm/synth/zoom.h"
 
 namespace raysfm::synth {
 
@@ -133,18 +135,20 @@ Motion handheld(const Stage& stage, uint64_t seed) {
   };
 }
 
-Motion orbit(const Stage& stage, double duration, uint64_t seed) {
+// `away`: factor by which the distance to the centre grows, by the law of a zooming lens.
+Motion orbit(const Stage& stage, double duration, double away, uint64_t seed) {
   Rng rng(seed, 13);
   const Unrest3 shake(rng, Vector3d(0.4, 0.4, 0.4) * kDegree, 0.2, 1.2);
   const Stage s = stage;
   return [=](double time) {
     const double angle = (s.orbit_start_deg + s.orbit_arc_deg * time / duration) * kDegree;
-    const double lift = s.orbit_height + 0.08 * s.orbit_radius * std::sin(kTwoPi * 2.3 * time / duration);
+    const double radius = s.orbit_radius * zoom_factor(away, std::clamp(time / duration, 0.0, 1.0));
+    const double lift = s.orbit_height + 0.08 * radius * std::sin(kTwoPi * 2.3 * time / duration);
     const Vector3d out(std::sin(angle), 0, -std::cos(angle));
-    const double pitch = -std::atan2(lift, s.orbit_radius);
+    const double pitch = -std::atan2(lift, radius);
     const Vector3d w = shake(time);
     return Rigid3{attitude(yaw_of(-out) + w.y(), pitch + w.x(), w.z()),
-                  s.centre + s.orbit_radius * out - lift * Vector3d::UnitY()};
+                  s.centre + radius * out - lift * Vector3d::UnitY()};
   };
 }
 
@@ -170,6 +174,7 @@ const std::vector<MotionInfo>& motion_list() {
       {"loop", "once round a closed circuit, looking ahead"},
       {"handheld", "about one place, like someone who shows a room"},
       {"orbit", "round the centre of the world, looking at it"},
+      {"dolly", "the same, going away as the lens zooms in, so that the centre keeps its size"},
       {"rotate", "one turn about the centre of the camera, no translation"},
   };
   return motions;
@@ -201,7 +206,8 @@ Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionO
     return follow(circuit, rate, options.seed);
   }
   if (name == "handheld") return handheld(stage, options.seed);
-  if (name == "orbit") return orbit(stage, options.duration, options.seed);
+  if (name == "orbit") return orbit(stage, options.duration, 1, options.seed);
+  if (name == "dolly") return orbit(stage, options.duration, options.zoom, options.seed);
   if (name == "rotate") return rotate(stage, options.duration, options.seed);
   std::string known;
   for (const MotionInfo& info : motion_list()) known += (known.empty() ? "" : ", ") + std::string(info.name);

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/synth/zoom.h"
 
 namespace raysfm::synth {
 namespace {
@@ -190,6 +191,15 @@ TEST(Motion, OrbitKeepsTheCentreInView) {
       EXPECT_LT(std::hypot(seen.x(), seen.y()) / seen.z(), 0.12) << name << " at " << t;
       EXPECT_GT(seen.z(), 0);
     }
+  }
+}
+
+TEST(Motion, DollyKeepsTheSizeOfTheCentreWhileTheLensZooms) {
+  const World& board = world_of("board");
+  const Motion motion = *make_motion(board.stage, board.habit, {"dolly", 6, 1, 0, 2.5});
+  for (const double time : {0.0, 1.5, 3.0, 6.0}) {
+    const double distance = (motion(time).inverse() * board.stage.centre).norm();
+    EXPECT_NEAR(distance / zoom_factor(2.5, time / 6), board.stage.orbit_radius, 0.05) << time;
   }
 }
 

@@ -151,6 +151,35 @@ Renderer::Renderer(const World& world, const Camera& camera, const RenderOptions
       grid_(camera, options.samples, pool),
       tent_(tent_weights(grid_.per_pixel)) {
   light_.resize(3 * static_cast<size_t>(grid_.stride) * static_cast<size_t>(grid_.height));
+  measure_coverage();
+}
+
+void Renderer::change_lens(const Camera& camera) {
+  grid_ = RayGrid(camera, options_.samples, pool_);
+  measure_coverage();
+}
+
+// A pixel at the border of what the camera sees is as bright as the rays that it has: only what is behind its
+// neighbours is missing to it.
+void Renderer::measure_coverage() {
+  const int taps = static_cast<int>(tent_.size());
+  coverage_.assign(static_cast<size_t>(width_) * height_, 0.f);
+  std::atomic<bool> whole = true;
+  pool_.parallel_for(height_, [&](int y) {
+    for (int x = 0; x < width_; ++x) {
+      float sum = 0.f;
+      bool all = true;
+      for (int k = 0; k < taps * taps; ++k) {
+        const int row = y * grid_.per_pixel + k / taps, column = x * grid_.per_pixel + k % taps;
+        const bool sees = grid_.sees(static_cast<size_t>(row) * grid_.stride + column);
+        all = all && sees;
+        if (sees) sum += tent_[static_cast<size_t>(k / taps)] * tent_[static_cast<size_t>(k % taps)];
+      }
+      coverage_[static_cast<size_t>(y) * width_ + x] = all ? 1.f : sum;
+      if (!all) whole = false;
+    }
+  });
+  if (whole) coverage_ = {};
 }
 
 Image<uint8_t> Renderer::render(const Motion& world_from_rig, double time, int frame, int camera_number) {
@@ -249,18 +278,18 @@ void Renderer::develop_row(int y, uint64_t stream, uint8_t* bgr) const {
 }
 
 GrayImage Renderer::mask() const {
-  const int taps = static_cast<int>(tent_.size());
+  const int n = grid_.per_pixel;
   GrayImage mask(width_, height_);
-  pool_.parallel_for(height_, [&](int y) {
+  for (int y = 0; y < height_; ++y) {
     for (int x = 0; x < width_; ++x) {
       bool all = true;
-      for (int k = 0; k < taps * taps && all; ++k) {
-        const int row = y * grid_.per_pixel + k / taps, column = x * grid_.per_pixel + k % taps;
-        all = grid_.sees(static_cast<size_t>(row) * grid_.stride + column);
+      for (int k = 0; k < n * n; ++k) {
+        const int row = grid_.margin + y * n + k / n, column = grid_.margin + x * n + k % n;
+        all = all && grid_.sees(static_cast<size_t>(row) * grid_.stride + column);
       }
       mask.row(y)[x] = all ? 255 : 0;
     }
-  });
+  }
   return mask;
 }
 

@@ -53,18 +53,19 @@ class Renderer {
   Renderer(const World& world, const Camera& camera, const RenderOptions& options, ThreadPool& pool);
 
   // From now on renders through another camera of the same resolution.
-  void change_lens(const Camera& camera) { grid_ = RayGrid(camera, options_.samples, pool_); }
+  void change_lens(const Camera& camera);
 
   // Image at `time` (seconds), blue, green, red interleaved: width 3 * camera width. `frame` and
   // `camera_number` choose the noise. Bit-identical for any number of threads.
   Image<uint8_t> render(const Motion& world_from_rig, double time, int frame, int camera_number = 0);
 
-  // 255 where all the light of a pixel comes from rays of the camera, 0 where some of it, or all, is missing.
+  // 255 where all rays through a pixel see the world, 0 where some or all see nothing.
   GrayImage mask() const;
 
  private:
   void expose(const Motion& world_from_rig, double time, bool first, float weight);
   void expose_row(const Scene& scene, const Rigid3& scene_from_rig, int row, bool first, float weight);
+  void measure_coverage();
   void develop_row(int y, uint64_t stream, uint8_t* bgr) const;
   float* light(int channel, int row) {
     return light_.data() + (static_cast<size_t>(channel) * grid_.height + row) * grid_.stride;
@@ -77,6 +78,8 @@ class Renderer {
   RayGrid grid_;
   std::vector<float> light_;  // of each grid point, a plane of red, one of green and one of blue
   std::vector<float> tent_;   // weights of the grid points of one pixel along one axis
+  // Weight of the rays of each pixel that see the world; empty where all do.
+  std::vector<float> coverage_;
 };
 
 // Grey image of an interleaved blue, green, red one, with the weights of ITU-R BT.601.

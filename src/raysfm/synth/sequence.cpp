@@ -95,7 +95,7 @@ Result<std::unique_ptr<Sequence>> Sequence::create(SequenceOptions options, cons
   fill_in(options, *world, usual_length(options.world));
   options.render.seed = options.seed;
   const MotionOptions motion_options{options.motion, options.frames / options.fps, options.length,
-                                     options.seed};
+                                     options.seed, options.zoom};
   Result<Motion> motion = make_motion(world->stage, world->habit, motion_options);
   if (!motion) return motion.error();
 

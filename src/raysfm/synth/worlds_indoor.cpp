@@ -209,7 +209,7 @@ World build_corridor(Builder b, double length) {
 
 World build_board(Builder b) {
   // Two boards of 9 x 7 squares of 0.1 m that meet in a vertical edge at x = z = 0, like an open book.
-  constexpr double kSquare = 0.1, kBorder = 0.08;
+  constexpr double kSquare = 0.1, kBorder = 0.08, kRoom = 7;
   constexpr int kColumns = 9, kRows = 7;
   const double s = std::sqrt(0.5);
   const auto flat = [&](const Colour& tint) {
@@ -237,13 +237,13 @@ World build_board(Builder b) {
       for (int x = 1; x < kColumns; ++x) w.landmarks.push_back(squares + kSquare * (x * right + y * down));
     }
   }
-  b.level(-3, 3, -3, 3, 0.6, b.finish(Pattern::kPlanks, 0));
-  b.wall({-3, 3}, {3, 3}, -0.6, 2.2, b.finish(Pattern::kBrick, 0));
-  b.wall({-3, -3}, {-3, 3}, -0.6, 2.2, b.finish(Pattern::kPlaster, 0));
-  b.wall({3, 3}, {3, -3}, -0.6, 2.2, b.finish(Pattern::kPlaster, 1));
-  b.wall({3, -3}, {-3, -3}, -0.6, 2.2, b.finish(Pattern::kAshlar, 0));
-  b.level(-3, 3, -3, 3, -2.2, b.finish(Pattern::kPlaster, 0));
-  hang_pictures(b, {-3, 3}, {3, 3}, 0.02, 1.3);
+  b.level(-kRoom, kRoom, -kRoom, kRoom, 0.6, b.finish(Pattern::kPlanks, 0));
+  b.wall({-kRoom, kRoom}, {kRoom, kRoom}, -0.6, 2.2, b.finish(Pattern::kBrick, 0));
+  b.wall({-kRoom, -kRoom}, {-kRoom, kRoom}, -0.6, 2.2, b.finish(Pattern::kPlaster, 0));
+  b.wall({kRoom, kRoom}, {kRoom, -kRoom}, -0.6, 2.2, b.finish(Pattern::kPlaster, 1));
+  b.wall({kRoom, -kRoom}, {-kRoom, -kRoom}, -0.6, 2.2, b.finish(Pattern::kAshlar, 0));
+  b.level(-kRoom, kRoom, -kRoom, kRoom, -2.2, b.finish(Pattern::kPlaster, 0));
+  hang_pictures(b, {-kRoom, kRoom}, {kRoom, kRoom}, 0.02, 1.3);
 
   soften_light(w);
   w.light.toward = Eigen::Vector3f(0.f, -0.45f, -0.89f);
