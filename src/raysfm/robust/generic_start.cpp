@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kSameOrigin = 1e-9;  // units of length: origins so near are one
 // Far below a squared standard deviation of a few hundred residuals.
-constexpr RigRefiner::Options kHeldScale{.max_iterations = 20, .min_decrease = 2e-4, .hold_scale = true};
+constexpr RigRefiner::Options kHeldScale{.max_iterations = 40, .min_decrease = 5e-4, .hold_scale = true};
 
 double median(std::vector<double>* values) {
   if (values->empty()) return 0;
@@ -115,7 +115,7 @@ struct ScaleProfile {
 ScaleProfile descend_in_scale(const RigTable& table, std::span<const int> inliers, double least_sigma,
                               RigRefiner* refiner, RigMotion* motion) {
   constexpr int kMaxOctaves = 5;
-  constexpr RigRefiner::Options kFree{.max_iterations = 30, .min_decrease = 1e-6};
+  constexpr RigRefiner::Options kFree{.max_iterations = 40, .min_decrease = 1e-7};
   constexpr double kWorthAStep = 1;
   int freedom = -12;
   for (const int i : inliers) freedom += 2 * (table.points[i].end - table.points[i].begin) - 3;
@@ -143,25 +143,26 @@ void judge_scale(const RigTable& table, std::span<const int> inliers, const Gene
   constexpr double kLeastMotion = 1e-12;
   if (!(motion->rig2_from_rig0.translation.norm() > kLeastMotion)) return;
   RigRefiner refiner;
+  RigMotion unit = scaled(*motion, 1 / motion->rig2_from_rig0.translation.norm());
   const ScaleProfile profile =
       descend_in_scale(table, inliers, kLeastSigma * options.max_error, &refiner, motion);
   start->scale_significance = std::sqrt(std::max(0.0, std::min(profile.half, profile.twice)));
   start->scale_known = start->scale_significance >= options.min_scale_significance;
-  const double length = motion->rig2_from_rig0.translation.norm();
-  if (start->scale_known || !(length > kLeastMotion)) return;
-  RigMotion unit = scaled(*motion, 1 / length);
+  if (start->scale_known) return;
   const double rise = refiner.refine(table, inliers, kHeldScale, &unit) - profile.cost;
   if (rise < kAsWell * kAsWell * profile.sigma2) *motion = unit;
 }
 
-// Refinements of the search's best motion: on its inliers, then on those of the first.
+// Refinements of the search's best motion, on its inliers and on those of the refined. The first are chosen
+// generously: at a scale that is off, the other cameras' points lie just outside.
 void polish(const RigTable& table, const GenericStartOptions& options, std::vector<int> inliers,
             RigMotion motion, GenericStart* start) {
-  constexpr int kRounds = 2;
+  constexpr std::array<double, 3> kErrors = {2, 1.5, 1};
+  constexpr RigRefiner::Options kRound{.max_iterations = 15, .min_decrease = 1e-4};
   RigRefiner refiner;
-  for (int round = 0; round < kRounds; ++round) {
-    refiner.refine(table, inliers, {}, &motion);
-    map_points(table, motion, options.max_error, start, &inliers);
+  for (const double factor : kErrors) {
+    refiner.refine(table, inliers, kRound, &motion);
+    map_points(table, motion, factor * options.max_error, start, &inliers);
   }
   judge_scale(table, inliers, options, &motion, start);
   map_points(table, motion, options.max_error, start, &inliers);

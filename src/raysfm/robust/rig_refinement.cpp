@@ -157,12 +157,16 @@ double RigRefiner::refine(const RigTable& table, std::span<const int> active, co
     const Vector12d step = solve(hessian, gradient, *motion, options.hold_scale);
     if (!step.allFinite()) break;
     const RigMotion next = apply(*motion, step, options.hold_scale);
+    // Where the scale is hard to see, the steps run along a valley in which translations grow as inverse
+    // distances shrink: their product has to stay, to second order too.
+    const double growth = next.rig2_from_rig0.translation.norm() / motion->rig2_from_rig0.translation.norm();
+    const double shrink = growth > 0.1 && growth < 10 ? 1 / growth : 1.0;
     moved_ = points_;
     for (Point& point : moved_) {
       const Vector3d change = -(point.inverse_hessian * (point.gradient + point.by_poses * step));
       point.direction =
           (point.direction + tangent_rows(point.direction).transpose() * change.head<2>()).normalized();
-      point.inverse_distance += change[2];
+      point.inverse_distance += shrink * change[2];
     }
     const double after = cost(table, next, moved_);
     if (!(after < current)) {

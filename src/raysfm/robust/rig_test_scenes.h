@@ -43,6 +43,7 @@ struct Scene {
   std::vector<uint8_t> outlier;  // of each point
   std::vector<ObservedRay> rays;
   std::vector<int> points, views, cameras;
+  Eigen::Vector3d centre_in_rig;  // of camera 0
 
   RigMatches matches() const {
     return {static_cast<int>(points_in_rig0.size()), rays, points, views, cameras};
@@ -112,6 +113,7 @@ inline Scene make_scene(const Settings& settings, Rng& rng) {
   Scene scene;
   const std::vector<Rigid3> cams = rig_from_cams(settings.kind);
   const int camera_count = static_cast<int>(cams.size());
+  scene.centre_in_rig = cams[0].translation;
   const auto [rig1, rig2] = motion_of(settings.motion, rng);
   scene.rig1_from_rig0 = rig1, scene.rig2_from_rig0 = rig2;
   const std::array<Rigid3, 3> poses = {Rigid3{}, rig1, rig2};
@@ -150,8 +152,8 @@ inline Scene make_scene(const Settings& settings, Rng& rng) {
 
 struct MotionError {
   double rotation = 0;   // radians, the larger of views 1 and 2
-  double direction = 0;  // radians, of the centre's motion to view 2
-  double scale = 1;      // of the motion to view 2 over the true one
+  double direction = 0;  // radians, of the motion of camera 0's centre to view 2
+  double scale = 1;      // of this motion over the true one
 };
 
 inline MotionError motion_error(const Scene& scene, const Rigid3& rig1_from_rig0,
@@ -161,8 +163,9 @@ inline MotionError motion_error(const Scene& scene, const Rigid3& rig1_from_rig0
        {std::pair(rig1_from_rig0, scene.rig1_from_rig0), std::pair(rig2_from_rig0, scene.rig2_from_rig0)}) {
     error.rotation = std::max(error.rotation, rotation_angle(a.rotation * b.rotation.conjugate()));
   }
-  const Eigen::Vector3d found = rig2_from_rig0.inverse().translation,
-                        truth = scene.rig2_from_rig0.inverse().translation;
+  const Eigen::Vector3d& c = scene.centre_in_rig;
+  const Eigen::Vector3d found = rig2_from_rig0.inverse() * c - c,
+                        truth = scene.rig2_from_rig0.inverse() * c - c;
   error.direction = std::atan2(found.cross(truth).norm(), found.dot(truth));
   error.scale = found.norm() / truth.norm();
   return error;
