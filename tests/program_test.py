@@ -7,7 +7,7 @@ import unittest
 import program
 from program import ProgramTest, run
 
-SUBCOMMANDS = ["track", "eval", "synth"]
+SUBCOMMANDS = ["track", "adjust", "eval", "synth"]
 
 
 class Usage(ProgramTest):
