@@ -13,12 +13,11 @@ bool DoubleSphere::project(const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
                            Eigen::Matrix<double, 2, 3>* jacobian) const {
   const double d1 = point.norm();
   if (!(d1 > 0) || !std::isfinite(d1)) return false;
-  const double w1 = alpha <= 0.5 ? alpha / (1 - alpha) : (1 - alpha) / alpha;
-  const double w2 = (w1 + xi) / std::sqrt(2 * w1 * xi + xi * xi + 1);
-  if (!(point.z() > -w2 * d1)) return false;
   const double q = point.head<2>().squaredNorm();
   const double z1 = xi * d1 + point.z();
   const double d2 = std::sqrt(q + z1 * z1);
+  const double w1 = alpha <= 0.5 ? alpha / (1 - alpha) : (1 - alpha) / alpha;
+  if (!(z1 > -w1 * d2)) return false;
   const double w = alpha * d2 + (1 - alpha) * z1;
   if (!(q < kMaxRadius * kMaxRadius * w * w) || !(w > 0)) return false;
   const double inverse_w = 1 / w;

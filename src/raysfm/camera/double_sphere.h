@@ -14,10 +14,10 @@ namespace raysfm {
 //   d1 = |(x, y, z)|,  z1 = xi d1 + z,  d2 = |(x, y, z1)|,  w = alpha d2 + (1 - alpha) z1
 //   u = fx x / w + cx,  v = fy y / w + cy
 //
-// Valid set: z > -w2 d1 with w2 = (w1 + xi) / sqrt(2 w1 xi + xi^2 + 1), w1 = alpha / (1 - alpha) for
-// alpha <= 0.5, else (1 - alpha) / alpha; and |(x, y)| < 1e6 w, so that no pixel is infinite. For alpha > 0.5
-// the pixels with a ray are those of the disc r^2 < 1 / (2 alpha - 1).
-// xi in (-1, 1], alpha in [0, 1].
+// Valid set: z1 > -w1 d2 with w1 = alpha / (1 - alpha) for alpha <= 0.5, else (1 - alpha) / alpha: up to
+// where the image folds back. (The paper's bound on z, their equation 43, is stricter and would leave pixels
+// of the disc below without a point.) And |(x, y)| < 1e6 w, so that no pixel is infinite. For alpha > 0.5 the
+// pixels with a ray are those of the disc r^2 < 1 / (2 alpha - 1). xi in (-1, 1], alpha in [0, 1].
 struct DoubleSphere {
   static constexpr std::string_view kName = "double-sphere";
   static constexpr size_t kRequired = 6;

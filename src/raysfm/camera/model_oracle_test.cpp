@@ -129,6 +129,22 @@ TEST(UnifiedOracle, AgreesWithOpenCv) {
   }
 }
 
+// The sphere seen from a point outside of it ends where the rays touch it, from inside at the horizon.
+TEST(UnifiedOracle, EndsWhereTheRaysTouchTheSphere) {
+  const auto last_angle = [](double xi) {
+    const Unified model{400, 400, 320, 240, xi};
+    double low = 0, high = std::numbers::pi;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = 0.5 * (low + high);
+      Eigen::Vector2d pixel;
+      (model.project({std::sin(middle), 0, std::cos(middle)}, &pixel) ? low : high) = middle;
+    }
+    return low;
+  };
+  EXPECT_NEAR(last_angle(1.6), std::acos(-1 / 1.6), 1e-6);
+  EXPECT_NEAR(last_angle(0.5), std::acos(-0.5), 0.01);  // |m| < tan 89.9 degrees
+}
+
 // Angle off the axis at which a rising function of it has the value `wanted`, by bisection.
 template <typename Radius>
 double bisect(const Radius& radius, double last, double wanted) {
@@ -157,6 +173,16 @@ void expect_radial_model(const Model& model, const Radius& radius, double last_a
     EXPECT_LT((direction - expected).norm(), 1e-7) << pixel.transpose();
   });
   EXPECT_GT(compared, 800);
+  for (const double azimuth : {0.3, 2.0, 4.5}) {
+    const auto sees = [&](double theta) {
+      Eigen::Vector2d pixel;
+      return model.project(
+          {std::sin(theta) * std::cos(azimuth), std::sin(theta) * std::sin(azimuth), std::cos(theta)},
+          &pixel);
+    };
+    EXPECT_TRUE(sees(0.9999 * last_angle));
+    EXPECT_FALSE(sees(1.0001 * last_angle));
+  }
 }
 
 // Usenko et al. 2018, figure 3: the unit sphere, one shifted by xi, then the image plane shifted by

@@ -142,6 +142,22 @@ TYPED_TEST(AnyModelTest, NumbersThatAreNoneAreNamed) {
   }
 }
 
+TEST(FindProblem, FocalLengthsArePositiveAndCentresNear) {
+  EXPECT_FALSE(find_problem(Radtan{500, 500, 320, 240}));
+  EXPECT_EQ(find_problem(Radtan{0, 500, 320, 240})->name, "fx");
+  EXPECT_EQ(find_problem(Pinhole{500, -500, 320, 240})->name, "fy");
+  EXPECT_EQ(find_problem(Pinhole{500, 2e6, 320, 240})->value, 2e6);
+  EXPECT_EQ(find_problem(Eucm{500, 500, 2e6, 240, 0.5, 1})->name, "cx");
+  EXPECT_EQ(find_problem(KannalaBrandt{500, 500, 320, -2e6})->name, "cy");
+  EXPECT_EQ(find_problem(Eucm{500, 500, 320, 240, 1.5, 1})->name, "alpha");
+  EXPECT_EQ(find_problem(Eucm{500, 500, 320, 240, 0.5, 0})->name, "beta");
+  EXPECT_EQ(find_problem(DoubleSphere{500, 500, 320, 240, -1, 0.5})->name, "xi");
+  EXPECT_EQ(find_problem(Unified{500, 500, 320, 240, -0.1})->name, "xi");
+  EXPECT_EQ(find_problem(OCam{320, 240, 1, 0, 0, {-200}})->name, "a0");
+  EXPECT_EQ(find_problem(OCam{320, 240, 1, 1, 1, {200}})->name, "c");
+  EXPECT_FALSE(find_problem(CentralRayTable{}));
+}
+
 TYPED_TEST(ProjectiveModelTest, ProjectAfterUnprojectIsTheIdentity) {
   for (const TypeParam& model : fixtures<TypeParam>()) {
     for_each_pixel([&](const Eigen::Vector2d& pixel) {
