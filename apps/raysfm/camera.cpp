@@ -85,9 +85,14 @@ std::string camera_text(const Camera& camera) {
   return text;
 }
 
+// "non-axial, 4 cameras"
+std::string rig_class(const Rig& rig) {
+  return fmt::format("{}, {} {}", to_string(camera_class(rig)), rig.cameras.size(),
+                     rig.cameras.size() == 1 ? "camera" : "cameras");
+}
+
 std::string rig_text(const Rig& rig) {
-  std::string text = fmt::format("rig: {}, {} cameras\n", to_string(camera_class(rig)), rig.cameras.size());
-  if (rig.cameras.size() < 2) return fmt::format("class: {}\n", to_string(camera_class(rig)));
+  std::string text = fmt::format("rig: {}\n", rig_class(rig));
   const Camera& first = rig.cameras.front();
   for (size_t i = 1; i < rig.cameras.size(); ++i) {
     const Rigid3 pose = first.rig_from_cam.inverse() * rig.cameras[i].rig_from_cam;
@@ -247,7 +252,7 @@ Result<int> run_check(const CameraOptions& options, const CommonOptions& common)
     if (!note.empty()) text += "warning: " + note + "\n";
     text += fmt::format("images: {} streams, their sizes are those of the cameras\n", input->streams.size());
   }
-  text += fmt::format("{} cameras, {}\n", rig->cameras.size(), to_string(camera_class(*rig)));
+  text += rig_class(*rig) + "\n";
   const std::vector<std::string> warnings = camera_warnings(*rig);
   for (const std::string& warning : warnings) text += "warning: " + warning + "\n";
   if (warnings.empty()) text += "no warnings\n";

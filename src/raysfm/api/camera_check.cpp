@@ -179,9 +179,8 @@ void warn_of_numbers(const Camera& camera, Warnings* out) {
 void warn_of_rays(const Camera& camera, Warnings* out) {
   const CameraFacts facts = camera_facts(camera);
   if (facts.valid_share < 1) {
-    out->push_back(fmt::format("{}: {:.1f} % of the pixels have no ray: the model ends there{}", camera.name,
-                               100 * (1 - facts.valid_share),
-                               camera.mask_path.empty() ? "; is there anything to be seen?" : ""));
+    out->push_back(fmt::format("{}: {:.1f} % of the pixels have no ray: the model ends before them",
+                               camera.name, 100 * (1 - facts.valid_share)));
   }
   if (facts.folds) {
     out->push_back(fmt::format("{}: the rays fold: neighbouring pixels see in the wrong order", camera.name));
@@ -250,7 +249,7 @@ std::vector<std::string> placements(const Rig& rig) {
     const Eigen::Vector3d& t = first_from_cam.translation;
     const Eigen::Vector3d axis = first_from_cam.rotation * Eigen::Vector3d::UnitZ();
     lines.push_back(fmt::format(
-        "{} stands {}, {}, {} of {} (its axes, metres) and looks {:.4g} deg to the {}, {:.4g} deg {}",
+        "{} stands {}, {}, {} as {} sees it (metres) and looks {:.4g} deg to the {}, {:.4g} deg {}",
         camera.name, metres(t.x(), "right", "left"), metres(t.y(), "below", "above"),
         metres(t.z(), "in front", "behind"), first.name, std::abs(std::atan2(axis.x(), axis.z())) * kDegrees,
         axis.x() < 0 ? "left" : "right", std::abs(std::asin(std::clamp(axis.y(), -1.0, 1.0))) * kDegrees,

@@ -51,12 +51,15 @@ TEST(CameraFacts, APanoramaSweepsTheWholeCircle) {
   EXPECT_NEAR(facts.centre_pixels_per_degree, 2, 1e-3);
 }
 
-TEST(CameraFacts, AFisheyeSeesBehindItselfAndItsCornersNothing) {
+TEST(CameraFacts, AFisheyeSeesBehindItself) {
   const CameraFacts facts =
       camera_facts(camera_of(KannalaBrandt{168.871771, 168.871771, 279.5, 279.5}, 560, 560));
   EXPECT_NEAR(facts.fov_horizontal_deg, 559 / 168.871771 * kDegrees, 1e-2);
   EXPECT_GT(facts.max_angle_deg, 120);
-  EXPECT_NEAR(facts.max_pixels_per_degree, 168.871771 / kDegrees * 1.0, 1.0);
+  // r = f theta: f pixels per radian outwards, f theta / sin(theta) around; their mean is the geometric one.
+  const double corner = std::hypot(279.5, 279.5) / 168.871771;
+  EXPECT_NEAR(facts.centre_pixels_per_degree, 168.871771 / kDegrees, 1e-3);
+  EXPECT_NEAR(facts.max_pixels_per_degree, 168.871771 / kDegrees * std::sqrt(corner / std::sin(corner)), 1e-2);
 }
 
 TEST(CameraFacts, AMirrorIsNonCentralAndMirrored) {
@@ -107,10 +110,9 @@ TEST(Placements, SayWhereACameraStands) {
   b.rig_from_cam.rotation = Eigen::AngleAxisd(-30 / kDegrees, Eigen::Vector3d::UnitY());
   const auto lines = placements(Rig{{a, b}});
   ASSERT_EQ(lines.size(), 1u);
-  EXPECT_EQ(
-      lines[0],
-      "d stands 0.1 left, 0.2 below, 0.3 behind of c (its axes, metres) and looks 30 deg to the left, 0 deg "
-      "down");
+  EXPECT_EQ(lines[0],
+            "d stands 0.1 left, 0.2 below, 0.3 behind as c sees it (metres) and looks 30 deg to the left, 0 "
+            "deg down");
 }
 
 TEST(CompareCameras, OneCameraTurnedAndScaled) {

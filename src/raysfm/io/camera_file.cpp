@@ -81,6 +81,26 @@ Rig read_document(const ConfigField& root, const std::filesystem::path& path, st
   return {};
 }
 
+// Whether the model's distortion is a polynomial, which may turn back inside the image.
+bool has_polynomial(const CameraModel& model) {
+  return std::holds_alternative<Radtan>(model) || std::holds_alternative<Rational>(model) ||
+         std::holds_alternative<KannalaBrandt>(model) || std::holds_alternative<Unified>(model) ||
+         std::holds_alternative<OCam>(model);
+}
+
+// Share of the pixels that have a ray.
+double seeing_share(const Camera& camera) {
+  constexpr int kGrid = 16;
+  int seeing = 0;
+  for (int i = 0; i < kGrid * kGrid; ++i) {
+    const Eigen::Vector2d pixel((i % kGrid + 0.5) / kGrid * camera.width - 0.5,
+                                (i / kGrid + 0.5) / kGrid * camera.height - 0.5);
+    Ray ray;
+    seeing += camera.ray(pixel, &ray);
+  }
+  return static_cast<double>(seeing) / (kGrid * kGrid);
+}
+
 // What holds for a rig from any format.
 void check_rig(const Rig& rig, ConfigProblem* problem) {
   if (rig.cameras.empty()) problem->report("cameras", "none", "at least one");
@@ -91,6 +111,14 @@ void check_rig(const Rig& rig, ConfigProblem* problem) {
     if (problem->any() || camera.width == 0) continue;
     if (!(camera.pixels_per_radian() > 0)) {
       problem->report(camera.name, "intrinsics", "a camera at least one pixel of whose image has a ray");
+    }
+    constexpr double kLeastShare = 0.1;
+    const double share = has_polynomial(camera.model) ? seeing_share(camera) : 1;
+    if (!problem->any() && share < kLeastShare) {
+      problem->report(
+          camera.name + ".intrinsics",
+          fmt::format("a distortion that stops rising with {:.1f} % of the image seen", 100 * share),
+          fmt::format("one that rises over at least {:.0f} % of it", 100 * kLeastShare));
     }
   }
 }

@@ -128,6 +128,42 @@ TEST(CameraFile, RefusesCamerasThatSeeNothing) {
             "{fx: 1, fy: 1, cx: -500, cy: 0, k1: -1000, k2: 0, p1: 0, p2: 0}}]"));
 }
 
+// Each model's own way of being no camera.
+TEST(CameraFile, RefusesModelsThatCannotBe) {
+  const Broken cases[] = {
+      {"k1: 0.01, k2: -0.002", "k1: -30, k2: 0", {"fisheye.intrinsics", "stops rising"}},
+      {"k1: 0.01, k2: -0.002", "k1: 0.01, k9: 1", {"cameras[0].intrinsics.k9", "unknown field"}},
+      {"xi: 1.1, ", "", {"cameras[1].intrinsics.xi", "missing"}},
+      {"xi: -0.2, alpha: 0.57", "xi: -0.2, alpha: 1.57", {"cameras[2].intrinsics.alpha", "1.57"}},
+      {"alpha: 0.6, beta: 1.1", "alpha: 0.6, beta: -1.1", {"cameras[3].intrinsics.beta", "-1.1"}},
+      {"a0: 200", "a0: -200", {"cameras[4].intrinsics.a0", "-200"}},
+      {"a2: -0.001", "a2: 10", {"polynomial.intrinsics", "stops rising"}},
+      {"c: 1.001, d: 0.002, e: -0.003", "c: 1, d: 1, e: 1", {"cameras[4].intrinsics.c"}},
+      {"radius: 0.1", "radius: 0", {"cameras[6].mirror.radius", "0"}},
+      {"rim: 0.083", "rim: 0.2", {"cameras[6].mirror.rim", "0.2"}},
+      {"conic: 0", "conic: .nan", {"cameras[6].mirror.conic", "finite"}},
+      {"apex: [0.0025, -0.0015, 0.4]", "apex: [0, 0, -0.4]", {"cameras[6].mirror.apex", "-0.4"}},
+      {"apex: [0.0025, -0.0015, 0.4]", "apex: [0, 0]", {"cameras[6].mirror.apex", "2 numbers"}},
+      {"rotation: [0, 0, 0, 1], body", "rotation: [0, 0, 0, 2], body", {"cameras[6].mirror.rotation"}},
+      {"body: 0.022", "body: 0.022, size: 1", {"cameras[6].mirror.size", "unknown field"}},
+      {"grid: [4, 4]", "grid: [4, 5]", {"cameras[7].table.directions", "48 numbers", "60"}},
+      {"grid: [4, 4]", "grid: [3, 4]", {"cameras[7].table.grid[0]", "'3'"}},
+      {"[-1.5, -1.5, 2,", "[0, 0, 0,", {"cameras[7].table", "length 0"}},
+      {"[-1.5, -1.5, 2,", "[.nan, 0, 1,", {"cameras[7].table.directions", "'.nan'"}},
+      {"area: [0, 0, 39, 29]", "area: [0, 0, -39, 29]", {"cameras[7].table.area[2]", "'-39'"}},
+      {"    table:", "    intrinsics: {}\n    table:", {"cameras[7].intrinsics", "unknown field"}},
+  };
+  for (const Broken& broken : cases) {
+    const Result<Rig> rig = parse(with(kManyModelsYaml, broken.what, broken.by));
+    ASSERT_FALSE(rig) << broken.by;
+    const std::string& message = rig.error().message;
+    EXPECT_EQ(message.find('\n'), std::string::npos) << message;
+    for (const char* part : broken.message) {
+      EXPECT_NE(message.find(part), std::string::npos) << message << " lacks " << part;
+    }
+  }
+}
+
 TEST(CameraFile, RefusesWhatIsNoCameraFile) {
   for (const std::string text :
        {"", "\n\n# only a comment\n", "hello", "[1, 2]", "a: b", "raysfm_camera: 1\ncameras: []",

@@ -150,7 +150,7 @@ class FieldPanel {
     step_ = reach_deg > 60 ? 30 : reach_deg > 20 ? 10 : 5;
     reach_ = std::max(step_, std::ceil(reach_deg / step_) * step_);
     for (double r = step_; r <= reach_ + 1e-9; r += step_) {
-      cv::circle(picture_, at(r, 0, 0), radius(r), std::abs(r - 90) < 1 ? kFrame : kGrid, 1, cv::LINE_AA);
+      cv::circle(picture_, at(0, 0, 0), radius(r), std::abs(r - 90) < 1 ? kFrame : kGrid, 1, cv::LINE_AA);
       write_text(picture_, fmt::format("{:.0f}", r), at(r, 0.5 * std::numbers::pi, 2), 0.36, kFrame);
     }
     cv::line(picture_, at(reach_, 0, 0), at(reach_, std::numbers::pi, 0), kGrid);

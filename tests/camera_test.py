@@ -1,0 +1,97 @@
+"""The subcommand `camera`: camera_test.py PROGRAM [unittest arguments]."""
+import program
+from program import ProgramTest, run
+
+FISHEYE = """raysfm_camera: 1
+cameras:
+  - name: left
+    model: kannala-brandt
+    resolution: [640, 480]
+    intrinsics: {fx: 200, fy: 200, cx: 319.5, cy: 239.5, k1: 0.01}
+  - name: right
+    model: kannala-brandt
+    resolution: [640, 480]
+    intrinsics: {fx: 201, fy: 201, cx: 319.5, cy: 239.5, k1: 0.01}
+    stream: 1
+    rig_from_cam: {rotation: [0, 0, 0, 1], translation: [0.12, 0, 0]}
+"""
+
+
+class Camera(ProgramTest):
+    def test_show(self):
+        file = self.file("rig.yaml", FISHEYE)
+        plot = self.folder / "plot.png"
+        done = run("camera", "show", file, "--plot", plot)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        for text in ("left: kannala-brandt, 640 x 480", "field of view", "pixels/degree", "axial, 2 cameras",
+                     "baseline 0.12", "right stands 0.12 right, 0 below"):
+            self.assertIn(text, done.stdout)
+        self.assertTrue(plot.read_bytes().startswith(b"\x89PNG"))
+        self.assertEqual(run("camera", "show", file, "--quiet").stdout, "")
+
+    def test_convert_and_back(self):
+        file = self.file("rig.yaml", FISHEYE)
+        for form in ("kalibr", "opencv", "basalt", "raysfm"):
+            out = self.folder / form
+            self.assertEqual(run("camera", "convert", file, "--to", form, "--out", out).returncode, 0)
+            done = run("camera", "check", out, "--against", file)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn("no warnings", done.stdout)
+            self.assertRegex(done.stdout, r"rays differ by .* (0|\S+e-\d\d) \(max\)")
+        out = self.folder / "colmap"
+        self.assertEqual(run("camera", "convert", file, "--to", "colmap", "--out", out).returncode, 0)
+        self.assertIn("OPENCV_FISHEYE", (out / "cameras.txt").read_text())
+        self.assertEqual(run("camera", "check", out / "rigs.txt").returncode, 0)
+        self.assertIn("equidistant", run("camera", "convert", file, "--to", "kalibr").stdout)
+
+    def test_fit(self):
+        file = self.file("rig.yaml", FISHEYE)
+        self.refused("camera", "convert", file, "--to", "opencv", "--model", "unified", says=["rig.yaml", "--fit"])
+        done = run("camera", "convert", file, "--to", "opencv", "--model", "unified", "--fit")
+        self.assertEqual(done.returncode, 0)
+        self.assertRegex(done.stderr, r"unified fitted to kannala-brandt: rms \S+ px, max \S+ px")
+        self.assertIn("xi1:", done.stdout)
+        table = self.folder / "table.yaml"
+        self.assertEqual(run("camera", "convert", file, "--to", "ray-table", "--grid", 30, 24, "--out", table).returncode, 0)
+        self.assertIn("ray-table", run("camera", "show", table).stdout)
+
+    def test_check(self):
+        good = self.file("rig.yaml", FISHEYE)
+        done = run("camera", "check", good)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertIn("is it true that right stands 0.12 right", done.stdout)
+        odd = self.file("odd.yaml", FISHEYE.replace("cx: 319.5", "cx: 700"))
+        done = run("camera", "check", odd)
+        self.assertEqual(done.returncode, 0)
+        self.assertIn("outside the image", done.stdout)
+
+    def test_check_against_images(self):
+        sequence = self.folder / "sequence"
+        self.assertEqual(run("synth", "room", "--frames", 2, "--samples", 1, "--out", sequence, "--quiet").returncode, 0)
+        camera = sequence / "camera.yaml"
+        done = run("camera", "check", camera, "--images", sequence)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        wrong = self.file("rig.yaml", FISHEYE)
+        self.refused("camera", "check", wrong, "--images", sequence, says=["rig.yaml", "stream: 1"])
+
+    def test_broken_files(self):
+        for text, says in (("cx: 319.5", ["intrinsics.cx", "finite"]), ("k1: 0.01", ["intrinsics.k1", "finite"]),
+                           ("[640, 480]", ["resolution"])):
+            file = self.file("broken.yaml", FISHEYE.replace(text, text.split(":")[0] + ": nan" if ":" in text else "7"))
+            for command in ("show", "check"):
+                self.refused("camera", command, file, says=["broken.yaml", *says])
+            self.refused("camera", "convert", file, "--to", "kalibr", says=["broken.yaml", *says])
+        self.refused("camera", "show", self.folder / "missing.yaml", says=["missing.yaml"])
+        self.assertEqual(run("camera", "convert", file, "--to", "nonsense").returncode, 2)
+        self.assertEqual(run("camera").returncode, 2)
+
+    def test_size_from_the_command_line(self):
+        file = self.file("calib.txt", "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n")
+        self.refused("camera", "convert", file, "--to", "colmap", says=["calib.txt", "--size"])
+        done = run("camera", "convert", file, "--to", "colmap", "--size", 1226, 370)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("PINHOLE 1226 370 700 700 600.5 180.5", done.stdout)
+
+
+if __name__ == "__main__":
+    program.main()
