@@ -123,7 +123,7 @@ Result<int> render_all(synth::Sequence& sequence, const SynthOutput& output, boo
 void find_camera(Arguments& arguments, bool on_command_line, const std::string& config) {
   const fs::path camera = arguments.camera, beside = fs::path(config).parent_path() / camera;
   std::error_code missing;
-  if (!on_command_line && camera.is_relative() && fs::exists(beside, missing)) {
+  if (!on_command_line && camera.is_relative() && fs::is_regular_file(beside, missing)) {
     arguments.camera = beside.string();
   }
 }
@@ -156,6 +156,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   const Result<int> frames = render_all(**sequence, *output, common.quiet, pool);
   if (!frames) return frames.error();
   arguments.sequence = (*sequence)->options();
+  if (!arguments.camera.empty()) arguments.camera = fs::absolute(arguments.camera).string();
   const std::string config = effective_config(setting_fields(arguments), {}, RAYSFM_VERSION);
   if (auto r = output->write_rest(**sequence, *frames, config); !r) return r.error();
   if (!common.quiet) {
