@@ -94,9 +94,10 @@ inline ViewPtr as_view(GrayImage image, int frame, int features = 600) {
   auto view = std::make_shared<View>();
   view->frame = frame;
   view->timestamp = 0.1 * frame;
-  view->image = std::move(image);
+  view->cameras.resize(1);
+  view->cameras[0].image = std::move(image);
   HarrisDetector detector;
-  detect(detector, HarrisOptions{.max_features = features, .mask = {}}, view.get());
+  detect(detector, HarrisOptions{.max_features = features, .mask = {}}, &view->cameras[0]);
   return view;
 }
 

@@ -43,8 +43,9 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
 
 // The same view as another frame.
 inline ViewPtr renumbered(const ViewPtr& view, int frame) {
-  GrayImage image(view->image.width(), view->image.height());
-  for (int y = 0; y < image.height(); ++y) std::copy_n(view->image.row(y), image.width(), image.row(y));
+  GrayImage image(view->cameras[0].image.width(), view->cameras[0].image.height());
+  for (int y = 0; y < image.height(); ++y)
+    std::copy_n(view->cameras[0].image.row(y), image.width(), image.row(y));
   return as_view(std::move(image), frame);
 }
 

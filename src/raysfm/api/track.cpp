@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <thread>
 
+#include "raysfm/api/sight_mask.h"
 #include "raysfm/api/view_stream.h"
+#include "raysfm/camera/camera_class.h"
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
@@ -23,7 +25,7 @@ constexpr int kMinCorners = 20;
 struct Sources {
   Input input;
   Rig rig;
-  GrayImage mask;  // of the camera; empty: none
+  std::vector<GrayImage> masks;  // by camera; empty: it sees the scene everywhere
 };
 
 void tell(const EventSink& event, Event::Level level, const std::string& message) {
@@ -49,17 +51,25 @@ Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSin
   return rig;
 }
 
-// The rig without all cameras but the first.
-Rig first_camera(Rig rig, const TrackSettings& settings, const EventSink& event) {
-  if (rig.cameras.size() > 1 && !settings.mono) {
-    tell(event, Event::Level::kWarning,
-         fmt::format("{} cameras found; only the first, {}, is used so far", rig.cameras.size(),
-                     rig.cameras[0].name));
-  }
-  rig.cameras.resize(1);
-  // The scale of one camera is arbitrary, so a lever arm in metres would mean nothing: the camera is the rig.
-  rig.cameras[0].rig_from_cam = Rigid3{};
+Rig cameras_in_use(Rig rig, const TrackSettings& settings) {
+  if (settings.mono) rig.cameras.resize(1);
+  // One camera does not tell where the rig's frame is: a lever arm in metres would mean nothing in a world of
+  // arbitrary scale. The camera is the rig.
+  if (rig.cameras.size() == 1) rig.cameras[0].rig_from_cam = Rigid3{};
   return rig;
+}
+
+// Where the camera sees the scene, as the user says and its model knows.
+Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
+  std::filesystem::path path = camera.mask_path;
+  if (path.empty() && input.mask && input.streams.size() == 1) path = *input.mask;
+  GrayImage mask;
+  if (!path.empty()) {
+    Result<GrayImage> read = read_mask(path, camera.width, camera.height);
+    if (!read) return read.error();
+    mask = *std::move(read);
+  }
+  return sight_mask(camera, std::move(mask));
 }
 
 Result<Sources> open_sources(const TrackSettings& settings, const EventSink& event) {
@@ -71,17 +81,36 @@ Result<Sources> open_sources(const TrackSettings& settings, const EventSink& eve
   if (!input) return input.error();
   Result<Rig> rig = read_rig(settings, *input, event);
   if (!rig) return rig.error();
-  Sources sources{*std::move(input), first_camera(*std::move(rig), settings, event), {}};
-
-  const Camera& camera = sources.rig.cameras[0];
-  std::filesystem::path mask = camera.mask_path;
-  if (mask.empty() && sources.input.mask) mask = *sources.input.mask;
-  if (!mask.empty()) {
-    Result<GrayImage> read = read_mask(mask, camera.width, camera.height);
-    if (!read) return read.error();
-    sources.mask = *std::move(read);
+  Sources sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}};
+  if (auto r = validate_error(sources.rig, settings.odometry.error); !r) return r.error();
+  for (const Camera& camera : sources.rig.cameras) {
+    Result<GrayImage> mask = mask_of(camera, sources.input);
+    if (!mask) return mask.error();
+    sources.masks.push_back(*std::move(mask));
   }
   return sources;
+}
+
+// The methods that the settings name, for the pipeline.
+Result<void> choose_methods(TrackSettings* settings) {
+  static constexpr std::pair<std::string_view, ErrorMeasure> kErrors[] = {
+      {"auto", ErrorMeasure::kAuto},
+      {"pixel", ErrorMeasure::kPixel},
+      {"angular", ErrorMeasure::kAngular},
+      {"angular-plain", ErrorMeasure::kAngularPlain}};
+  static constexpr std::pair<std::string_view, GenericStartMethod> kStarts[] = {
+      {"auto", GenericStartMethod::kAuto},
+      {"five-point", GenericStartMethod::kCentral},
+      {"pless", GenericStartMethod::kSeventeenPoint}};
+  const auto choose = [](const auto& table, const char* flag, const std::string& name,
+                         auto* value) -> Result<void> {
+    for (const auto& [known, method] : table) {
+      if (known == name) return *value = method, Result<void>();
+    }
+    return bad_input(fmt::format("{} = {}: unknown; see --help", flag, name));
+  };
+  if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
+  return choose(kStarts, "--start", settings->start, &settings->odometry.start);
 }
 
 // Where nothing can be seen, that is the reason, and not what came of it later.
@@ -99,35 +128,60 @@ double peak_rss_mib() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
-Report make_report(const TrackSettings& settings, const StageTiming& decode, const OdometryTimings& t) {
+Report make_report(const TrackSettings& settings, const Odometry& odometry, const StageTiming& decode) {
+  const OdometryTimings t = odometry.timings();
   Report report;
   report.seed = settings.odometry.seed;
   report.input = settings.inputs;
-  report.camera_class = "central";
-  report.error = "pixel";
+  report.camera_class = to_string(camera_class(odometry.rig().rig()));
+  report.error = odometry.rig().angular() ? "angular" : "pixel";
   report.stages = {{"decode", decode},       {"detect", t.detect}, {"start", t.start},
                    {"match", t.match},       {"pose", t.pose},     {"align", t.align},
                    {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"frame", t.frame}};
   return report;
 }
 
+std::vector<FrameSource*> streams_of(const Sources& sources) {
+  std::vector<FrameSource*> streams;
+  for (const auto& s : sources.input.streams) streams.push_back(s.get());
+  return streams;
+}
+
+std::vector<CameraInput> camera_inputs(const Sources& sources, const TrackSettings& settings) {
+  const int count = static_cast<int>(sources.rig.cameras.size());
+  std::vector<CameraInput> inputs;
+  for (int c = 0; c < count; ++c) {
+    CameraInput& input = inputs.emplace_back();
+    input.stream = sources.rig.cameras[c].stream;
+    input.roi = sources.rig.cameras[c].roi;
+    // More cameras see more, but part of it more than once.
+    input.harris.max_features = 2 * settings.odometry.features / (count + 1);
+    input.harris.mask = sources.masks[c].view();
+  }
+  return inputs;
+}
+
+int count_corners(const View& view) {
+  int corners = 0;
+  for (const CameraView& camera : view.cameras) corners += camera.features.size();
+  return corners;
+}
+
 }  // namespace
 
-Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks) {
+Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
+  TrackSettings settings = given;
+  if (auto r = choose_methods(&settings); !r) return r.error();
   Result<Sources> sources = open_sources(settings, callbacks.event);
   if (!sources) return sources.error();
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }
-  const Camera& camera = sources->rig.cameras[0];
-  FrameSource& source = *sources->input.streams[camera.stream];
-  HarrisOptions harris;
-  harris.max_features = settings.odometry.features;
-  harris.mask = sources->mask;
   const int threads =
       settings.threads > 0 ? settings.threads : static_cast<int>(std::thread::hardware_concurrency());
-  ViewStream stream(source, camera.roi, harris, threads);
+  ViewStream stream(streams_of(*sources), camera_inputs(*sources, settings), threads);
+  FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
   Odometry odometry(sources->rig, settings.odometry, callbacks.event);
@@ -138,18 +192,21 @@ Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& c
     Result<ViewPtr> view = stream.next();
     if (!view) return view.error();
     if (!*view) break;
-    corners.push_back((*view)->features.size());
+    corners.push_back(count_corners(**view));
     odometry.process(*view);
     if (callbacks.progress) callbacks.progress({odometry.frames(), source.frame_count(), odometry.posed()});
   }
   if (corners.empty() && !out.interrupted) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
-  if (!out.interrupted) tell(callbacks.event, Event::Level::kWarning, source.note());
+  if (!out.interrupted) {
+    for (const auto& s : sources->input.streams) tell(callbacks.event, Event::Level::kWarning, s->note());
+    tell(callbacks.event, Event::Level::kWarning, stream.note());
+  }
 
   out.reconstruction = odometry.finish(settings.final == "global");
   explain_blind_frames(corners, &out.reconstruction);
-  out.report = make_report(settings, stream.finish(), odometry.timings());
+  out.report = make_report(settings, odometry, stream.finish());
   out.report.wall_s = milliseconds_since(start) / 1000.0;
   out.report.frames_per_second = odometry.frames() / out.report.wall_s;
   out.report.peak_rss_mib = peak_rss_mib();

@@ -1,6 +1,9 @@
 #include "raysfm/api/view_stream.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cmath>
 #include <exception>
 
 namespace raysfm {
@@ -27,11 +30,15 @@ std::future<T> ready(T value) {
 
 }  // namespace
 
-ViewStream::ViewStream(FrameSource& source, const Roi& roi, const HarrisOptions& options, int threads)
-    : source_(source),
-      roi_(roi),
-      options_(options),
+ViewStream::ViewStream(std::vector<FrameSource*> sources, std::vector<CameraInput> cameras, int threads)
+    : sources_(std::move(sources)),
+      cameras_(std::move(cameras)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
+  for (const CameraInput& camera : cameras_) {
+    const auto users = std::count_if(cameras_.begin(), cameras_.end(),
+                                     [&](const CameraInput& other) { return other.stream == camera.stream; });
+    owns_stream_.push_back(users == 1 && camera.roi.w == 0);
+  }
   if (threads > 1) reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
 }
 
@@ -49,26 +56,72 @@ const StageTiming& ViewStream::finish() {
   return decode_timing_;
 }
 
-ViewStream::Item ViewStream::detected(InputFrame frame) const {
+ViewStream::Item ViewStream::detected(Frames frames) const {
   thread_local HarrisDetector detector;
+  const Clock::time_point start = Clock::now();
   auto view = std::make_shared<View>();
-  view->frame = frame.index;
-  view->timestamp = frame.timestamp;
-  view->name = std::move(frame.name);
-  const bool whole = roi_.w == 0;
-  view->image = whole ? std::move(frame.gray) : cropped(frame.gray, roi_, 1);
-  if (frame.bgr.width() > 0) view->bgr = whole ? std::move(frame.bgr) : cropped(frame.bgr, roi_, 3);
-  detect(detector, options_, view.get());
+  view->frame = frames[0].index;
+  view->timestamp = frames[0].timestamp;
+  view->name = frames[0].name;
+  for (size_t c = 0; c < cameras_.size(); ++c) {
+    InputFrame& frame = frames[cameras_[c].stream];
+    CameraView& image = view->cameras.emplace_back();
+    Roi roi = cameras_[c].roi;
+    if (roi.w == 0) roi = {0, 0, frame.gray.width(), frame.gray.height()};
+    image.image = owns_stream_[c] ? std::move(frame.gray) : cropped(frame.gray, roi, 1);
+    if (frame.bgr.width() > 0)
+      image.bgr = owns_stream_[c] ? std::move(frame.bgr) : cropped(frame.bgr, roi, 3);
+    detect(detector, cameras_[c].harris, &image);
+  }
+  view->detect_ms = milliseconds_since(start);
   return ViewPtr(std::move(view));
+}
+
+// Frame i of every stream, or nothing at the end.
+Result<ViewStream::Frames> ViewStream::read_frames() {
+  Frames frames;
+  int ended = -1;
+  for (size_t s = 0; s < sources_.size(); ++s) {
+    Result<std::optional<InputFrame>> frame = sources_[s]->next();
+    if (!frame) return frame.error();
+    if (frame->has_value()) {
+      frames.push_back(std::move(**frame));
+    } else if (ended < 0) {
+      ended = static_cast<int>(s);
+    }
+  }
+  if (frames.size() == sources_.size()) return frames;
+  if (!frames.empty()) {
+    note_ = fmt::format("{}: ends at frame {}, before the other streams; their rest is not used",
+                        sources_[ended]->description(), frames[0].index);
+  }
+  return Frames{};
+}
+
+Result<void> ViewStream::check_step(const Frames& frames) {
+  constexpr double kMostApart = 0.5;  // of the time between two frames
+  const double interval = frames[0].timestamp - last_timestamp_;
+  last_timestamp_ = frames[0].timestamp;
+  if (frames[0].index == 0) return {};
+  for (size_t s = 1; s < frames.size(); ++s) {
+    if (std::abs(frames[s].timestamp - frames[0].timestamp) <= kMostApart * interval) continue;
+    return bad_input(
+        fmt::format("{}: frame {} was taken at {:.6f} s, but at {:.6f} s in {}; the streams of a "
+                    "rig must be in step",
+                    sources_[s]->description(), frames[s].index, frames[s].timestamp, frames[0].timestamp,
+                    sources_[0]->description()));
+  }
+  return {};
 }
 
 std::future<ViewStream::Item> ViewStream::read() {
   const Clock::time_point start = Clock::now();
-  Result<std::optional<InputFrame>> frame = source_.next();
-  if (!frame) return ready<Item>(frame.error());
-  if (!frame->has_value()) return ready<Item>(ViewPtr());
+  Result<Frames> frames = read_frames();
+  if (!frames) return ready<Item>(frames.error());
+  if (frames->empty()) return ready<Item>(ViewPtr());
+  if (auto r = check_step(*frames); !r) return ready<Item>(r.error());
   decode_timing_.add(milliseconds_since(start));
-  auto shared = std::make_shared<InputFrame>(std::move(**frame));
+  auto shared = std::make_shared<Frames>(std::move(*frames));
   return pool_->submit([this, shared] { return detected(std::move(*shared)); });
 }
 

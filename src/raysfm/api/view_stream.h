@@ -5,7 +5,9 @@
 #include <future>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
@@ -14,14 +16,20 @@
 
 namespace raysfm {
 
-// Views of a stream in order, decoded and detected ahead of time. With one thread everything happens in the
-// calls of next(); the views are the same.
+// Where the image of one camera of a rig comes from.
+struct CameraInput {
+  int stream = 0;
+  Roi roi;               // lies inside the frames of the stream; empty (w = 0): all of it
+  HarrisOptions harris;  // the mask has the size of the camera's image or is empty
+};
+
+// Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
+// calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
+// first stream that ends, of which note() tells; streams whose timestamps drift apart are an error.
 class ViewStream {
  public:
-  // Views of the part `roi` of each frame, which lies inside it; empty (w = 0): of the whole frame. `source`
-  // and what `options.mask` points to must outlive the stream; the mask has the size of the views or is
-  // empty.
-  ViewStream(FrameSource& source, const Roi& roi, const HarrisOptions& options, int threads);
+  // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
+  ViewStream(std::vector<FrameSource*> sources, std::vector<CameraInput> cameras, int threads);
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
@@ -32,15 +40,24 @@ class ViewStream {
   // Ends reading, wherever it is, and tells the time that decoding took. next() may not be called again.
   const StageTiming& finish();
 
+  // What the user should know though it is no error; complete once next() has returned null.
+  const std::string& note() const { return note_; }
+
  private:
   using Item = Result<ViewPtr>;
+  using Frames = std::vector<InputFrame>;  // one of each stream
+
   std::future<Item> read();
-  Item detected(InputFrame frame) const;
+  Result<Frames> read_frames();
+  Result<void> check_step(const Frames& frames);
+  Item detected(Frames frames) const;
   void read_ahead(const std::stop_token& stop);
 
-  FrameSource& source_;
-  Roi roi_;
-  HarrisOptions options_;
+  std::vector<FrameSource*> sources_;
+  std::vector<CameraInput> cameras_;
+  std::vector<bool> owns_stream_;  // by camera: its image is the whole frame, and nobody else's
+  double last_timestamp_ = 0;
+  std::string note_;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;

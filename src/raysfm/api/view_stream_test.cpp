@@ -25,7 +25,7 @@ class MadeFrames : public FrameSource {
     }
     InputFrame frame;
     frame.index = i;
-    frame.timestamp = 0.25 * i;
+    frame.timestamp = 0.25 * i + delay;
     frame.name = "frame " + std::to_string(i);
     frame.gray = testing_support::random_image(width(), height(), 100 + i);
     if (colour_) frame.bgr = testing_support::random_image(3 * width(), height(), 200 + i);
@@ -37,6 +37,7 @@ class MadeFrames : public FrameSource {
   std::string description() const override { return "made for a test"; }
 
   std::atomic<int> made = 0;  // calls of next()
+  double delay = 0;           // seconds
 
  private:
   int count_, error_at_;
@@ -68,7 +69,7 @@ class ViewStreamTest : public testing::TestWithParam<int> {};  // threads
 TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
   constexpr int kFrames = 40;
   MadeFrames source(kFrames), alone(kFrames);
-  ViewStream stream(source, {}, kOptions, GetParam());
+  ViewStream stream({&source}, {{0, {}, kOptions}}, GetParam());
   const std::vector<ViewPtr> views = all_views(stream);
   ASSERT_EQ(views.size(), size_t{kFrames});
   HarrisDetector detector;
@@ -77,11 +78,11 @@ TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
     EXPECT_EQ(views[i]->frame, i);
     EXPECT_EQ(views[i]->timestamp, 0.25 * i);
     EXPECT_EQ(views[i]->name, frame.name);
-    EXPECT_TRUE(same_pixels(views[i]->image, frame.gray)) << i;
+    EXPECT_TRUE(same_pixels(views[i]->cameras[0].image, frame.gray)) << i;
     Features expected;
     detector.detect(frame.gray, kOptions, &expected);
     ASSERT_GT(expected.size(), 20);
-    EXPECT_EQ(views[i]->features.pixels, expected.pixels) << i;
+    EXPECT_EQ(views[i]->cameras[0].features.pixels, expected.pixels) << i;
   }
   Result<ViewPtr> after = stream.next();
   ASSERT_TRUE(after);
@@ -92,19 +93,55 @@ TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
 TEST_P(ViewStreamTest, APartOfTheFramesIsCut) {
   MadeFrames source(3, -1, true), alone(3, -1, true);
   const Roi roi{10, 7, 64, 48};
-  ViewStream stream(source, roi, kOptions, GetParam());
+  ViewStream stream({&source}, {{0, roi, kOptions}}, GetParam());
   for (const ViewPtr& view : all_views(stream)) {
     const InputFrame frame = std::move(**alone.next());
     const GrayView gray = frame.gray.view(), bgr = frame.bgr.view();
-    EXPECT_TRUE(same_pixels(view->image, {gray.row(7) + 10, 64, 48, gray.stride}));
-    EXPECT_TRUE(same_pixels(view->bgr, {bgr.row(7) + 30, 192, 48, bgr.stride}));
+    EXPECT_TRUE(same_pixels(view->cameras[0].image, {gray.row(7) + 10, 64, 48, gray.stride}));
+    EXPECT_TRUE(same_pixels(view->cameras[0].bgr, {bgr.row(7) + 30, 192, 48, bgr.stride}));
   }
   EXPECT_EQ(source.made, 4) << "three frames and the end";
 }
 
+TEST_P(ViewStreamTest, CamerasShareAStreamOrHaveOneEach) {
+  MadeFrames composite(4), other(4, -1, true), alone(4);
+  const Roi left{0, 0, 48, 64}, right{48, 0, 48, 64};
+  ViewStream stream({&composite, &other}, {{0, left, kOptions}, {1, {}, kOptions}, {0, right, kOptions}},
+                    GetParam());
+  const std::vector<ViewPtr> views = all_views(stream);
+  ASSERT_EQ(views.size(), 4u);
+  for (const ViewPtr& view : views) {
+    const InputFrame frame = std::move(**alone.next());
+    const GrayView gray = frame.gray.view();
+    ASSERT_EQ(view->cameras.size(), 3u);
+    EXPECT_TRUE(same_pixels(view->cameras[0].image, {gray.row(0), 48, 64, gray.stride}));
+    EXPECT_TRUE(same_pixels(view->cameras[1].image, gray));
+    EXPECT_TRUE(same_pixels(view->cameras[2].image, {gray.row(0) + 48, 48, 64, gray.stride}));
+    EXPECT_FALSE(view->cameras[1].bgr.empty());
+  }
+  EXPECT_EQ(stream.note(), "");
+}
+
+TEST_P(ViewStreamTest, TheShortestStreamEndsTheViewsAndIsNamed) {
+  MadeFrames longer(9), shorter(6);
+  ViewStream stream({&longer, &shorter}, {{0, {}, kOptions}, {1, {}, kOptions}}, GetParam());
+  EXPECT_EQ(all_views(stream).size(), 6u);
+  EXPECT_NE(stream.note().find("made for a test: ends at frame 6"), std::string::npos) << stream.note();
+}
+
+TEST_P(ViewStreamTest, StreamsOutOfStepAreRefused) {
+  MadeFrames source(9), late(9);
+  late.delay = 0.2;  // of frames every 0.25 s
+  ViewStream stream({&source, &late}, {{0, {}, kOptions}, {1, {}, kOptions}}, GetParam());
+  ASSERT_TRUE(stream.next());
+  const Result<ViewPtr> second = stream.next();
+  ASSERT_FALSE(second);
+  EXPECT_NE(second.error().message.find("in step"), std::string::npos) << second.error().message;
+}
+
 TEST_P(ViewStreamTest, AnErrorComesInItsTurnAndEndsTheStream) {
   MadeFrames source(20, 5);
-  ViewStream stream(source, {}, kOptions, GetParam());
+  ViewStream stream({&source}, {{0, {}, kOptions}}, GetParam());
   for (int i = 0; i < 5; ++i) {
     Result<ViewPtr> view = stream.next();
     ASSERT_TRUE(view) << view.error().message;
@@ -122,7 +159,7 @@ TEST_P(ViewStreamTest, AnErrorComesInItsTurnAndEndsTheStream) {
 
 TEST_P(ViewStreamTest, NoFramesAreNoViews) {
   MadeFrames source(0);
-  ViewStream stream(source, {}, kOptions, GetParam());
+  ViewStream stream({&source}, {{0, {}, kOptions}}, GetParam());
   EXPECT_TRUE(all_views(stream).empty());
 }
 
@@ -132,7 +169,7 @@ TEST_P(ViewStreamTest, MayBeLeftAtAnyTime) {
   for (const int taken : {0, 1, 3, 12}) {
     MadeFrames source(kFrames);
     {
-      ViewStream stream(source, {}, kOptions, GetParam());
+      ViewStream stream({&source}, {{0, {}, kOptions}}, GetParam());
       for (int i = 0; i < taken; ++i) ASSERT_TRUE(stream.next());
     }
     EXPECT_GE(source.made, taken);
@@ -142,7 +179,7 @@ TEST_P(ViewStreamTest, MayBeLeftAtAnyTime) {
 
 TEST_P(ViewStreamTest, MayBeFinishedEarly) {
   MadeFrames source(100);
-  ViewStream stream(source, {}, kOptions, GetParam());
+  ViewStream stream({&source}, {{0, {}, kOptions}}, GetParam());
   ASSERT_TRUE(stream.next());
   EXPECT_GE(stream.finish().count, 1);
   EXPECT_EQ(stream.finish().count, source.made) << "a second call tells the same";

@@ -57,6 +57,8 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
   load_rays();
   current_.load(problem, lanes);
   trial_.load(problem, lanes);
+  const auto prior_pose = std::find(layout_.poses.begin(), layout_.poses.end(), problem.scale_prior.pose);
+  prior_pose_ = prior_pose == layout_.poses.end() ? -1 : static_cast<int>(prior_pose - layout_.poses.begin());
   if (layout_.poses.empty() && layout_.points.empty()) return false;
   system_.set_structure(static_cast<int>(layout_.poses.size()), layout_.point_begin, layout_.pose_of_slot);
   return true;
@@ -166,7 +168,7 @@ double BundleCore<N>::cost_without_lost(const State& state) {
   double sum = 0;
   for (size_t k = 0; k < active_.size(); ++k) sum += active_[k] ? state.lane_cost[k] : 0.0;
   for (int k : lost_) active_[k] = 1;
-  return sum;
+  return sum + scale_prior_cost(state, false);
 }
 
 // Costs of all active lanes, and the normal equations if asked. Lanes without a residual go to lost_ and are
@@ -184,7 +186,29 @@ double BundleCore<N>::work(State& state, bool linearize) {
   collect_lost();
   double cost = 0;
   for (int chunk = 0; chunk < chunks; ++chunk) cost += chunk_cost_[chunk];
-  return cost;
+  return cost + scale_prior_cost(state, linearize);
+}
+
+// With v the translational tangent of rig_from_world, c = -R^T t changes by -R^T v.
+template <int N>
+double BundleCore<N>::scale_prior_cost(const State& state, bool linearize) {
+  if (prior_pose_ < 0) return 0;
+  const ScalePrior& prior = problem_.scale_prior;
+  const Rigid3& pose = state.poses[prior.pose];
+  const Eigen::Vector3d step =
+      pose.inverse().translation - state.poses[prior.from].inverse().translation;
+  const double length = step.norm();
+  if (!(length > 0)) return INFINITY;
+  const double r = std::log(length / prior.distance);
+  if (linearize) {
+    const Eigen::Vector3d by_v = -(pose.rotation * step) / (length * length);
+    auto& block = system_.pose(prior_pose_);
+    for (int c = 0; c < 3; ++c) {
+      for (int row = c; row < 3; ++row) block.u[N * c + row] += prior.weight * by_v[row] * by_v[c];
+      block.gradient[c] += prior.weight * by_v[c] * r;
+    }
+  }
+  return 0.5 * prior.weight * r * r;
 }
 
 template <int N>

@@ -47,6 +47,7 @@ class BundleCore {
   void load_rays();
   void move(State& state) const;
   double work(State& state, bool linearize);
+  double scale_prior_cost(const State& state, bool linearize);
   double work_on_chunk(int chunk, State& state, bool linearize);
   double work_on_group(const ObservationLayout::Group& group, State& state, bool linearize, bool* loses);
   double work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual, State& state,
@@ -75,6 +76,7 @@ class BundleCore {
   std::vector<uint8_t> chunk_loses_;
   int active_count_ = 0, dropped_ = 0;
   double current_cost_ = 0, trial_cost_ = 0;
+  int prior_pose_ = -1;  // in the system
 };
 
 extern template class BundleCore<6>;

@@ -28,6 +28,16 @@ struct BalLens {
   double k1 = 0, k2 = 0;
 };
 
+// What is believed of the scale of a world that its observations hardly tell, so that it cannot drift along a
+// flat valley (rays of a mirror nearly meet in a point): adds weight / 2 log^2(|c - c0| / distance) to the cost,
+// c and c0 the origins of the rigs at `pose` and `from`. `from` must not be free; distance > 0.
+struct ScalePrior {
+  int pose = -1;  // -1: no prior
+  int from = 0;
+  double distance = 1;
+  double weight = 0;  // in the residual's unit squared
+};
+
 // A bundle adjustment over flat arrays owned by the caller (LBA09 2.5, IFBA01 2). Poses and points are
 // refined in place. Observations may come in any order, and a pose may see a point more than once (a rig).
 // Poses that are not free are observed but stay where they are.
@@ -50,6 +60,7 @@ struct BundleProblem {
   std::span<uint8_t> is_inlier;            // one per observation, 0: not used; empty: all used
   std::span<const ObservedRay> rays = {};  // one per observation, or empty
   std::span<BalLens> lenses = {};          // one per pose, or empty
+  ScalePrior scale_prior = {};
 };
 
 struct BundleOptions {

@@ -13,6 +13,7 @@ namespace raysfm {
 struct PatchQuery {
   int keyframe = 0;
   int feature = 0;
+  int camera = 0;  // that should see it
   int track = -1;
   bool in_anchor = false;                                              // passed through for the caller
   Eigen::Vector2f predicted = Eigen::Vector2f::Zero();                 // pixel in the other image
@@ -20,11 +21,12 @@ struct PatchQuery {
   float radius = 0;                                                    // of the region of interest, pixels
 };
 
-// Predicts where `target` sees the point at `distance` along the ray of a key frame's feature, and how the
-// patch around it is deformed, taking the surface to face the key frame. False where the target does not see
-// it, or sees it at a scale too different to be compared (beyond a factor of about 2.5).
-bool predict_patch(const Camera& camera, const KeyFrameView& keyframe, int feature, double distance,
-                   const Rigid3& target_from_keyframe, PatchQuery* query);
+// Predicts where camera `target` sees the point at `distance` along the ray of a key frame's feature, and how
+// the patch around it is deformed, taking the surface to face the key frame. `target_from_source` leads from
+// the camera of the feature at the key frame to the target. False where the target does not see it, or sees
+// it at a scale too different to be compared (beyond a factor of about 2.5).
+bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                   int target, const Rigid3& target_from_source, PatchQuery* query);
 
 struct GuidedMatch {
   int query = -1;
@@ -34,7 +36,8 @@ struct GuidedMatch {
 };
 
 // Finds patches of key frames in another view, LBA09 2.1 with a region of interest and a patch shape that
-// follow from the motion. Queries must be sorted by key frame. Owns scratch memory.
+// follow from the motion. Queries must be sorted by camera, and for one camera by key frame. Owns scratch
+// memory.
 class GuidedMatcher {
  public:
   // Corners of the target that look like the queries, each matched once (winner takes all, both ways).
@@ -51,7 +54,7 @@ class GuidedMatcher {
 
   ZnccMatcher matcher_;
   PatchSet patches_;  // one per query
-  PatchSet warped_;   // of one key frame
+  PatchSet warped_;   // of one image
   std::vector<int> warped_query_;
   std::vector<Eigen::Vector2f> pixels_;
   std::vector<Eigen::Matrix2f> warps_;

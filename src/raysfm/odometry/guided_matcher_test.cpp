@@ -13,30 +13,31 @@ Camera test_camera() {
   return camera;
 }
 
-KeyFrameView one_feature(const Camera& camera, const Eigen::Vector2f& pixel) {
+KeyFrameView one_feature(const TrackingRig& rig, const Eigen::Vector2f& pixel) {
   auto view = std::make_shared<View>();
-  view->image = GrayImage(640, 480);
-  for (int y = 0; y < 480; ++y) std::fill_n(view->image.row(y), 640, uint8_t{128});
+  view->cameras.resize(1);
+  view->cameras[0].image = GrayImage(640, 480);
+  for (int y = 0; y < 480; ++y) std::fill_n(view->cameras[0].image.row(y), 640, uint8_t{128});
   MapKeyFrame keyframe;
-  keyframe.add(pixel, 0);
-  return make_keyframe_view(view, keyframe, camera);
+  keyframe.add(0, pixel, 0);
+  return make_keyframe_view(view, keyframe, rig);
 }
 
 // The patch's deformation must be the derivative of the map pixel -> point on the sphere -> other pixel.
 TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
-  const Camera camera = test_camera();
+  const TrackingRig rig(Rig{{test_camera()}});
   const Eigen::Vector2f pixel(400, 150);
-  const KeyFrameView keyframe = one_feature(camera, pixel);
+  const KeyFrameView keyframe = one_feature(rig, pixel);
   const Rigid3 target_from_keyframe{exp_so3({0.02, -0.1, 0.3}), {0.2, -0.1, -0.8}};
   const double distance = 5.0;
   PatchQuery query;
-  ASSERT_TRUE(predict_patch(camera, keyframe, 0, distance, target_from_keyframe, &query));
+  ASSERT_TRUE(predict_patch(rig, keyframe, 0, distance, 0, target_from_keyframe, &query));
 
   const auto transfer = [&](const Eigen::Vector2d& p) {
     Ray ray;
-    EXPECT_TRUE(camera.ray(p, &ray));
+    EXPECT_TRUE(rig.camera(0).ray(p, &ray));
     Eigen::Vector2d out;
-    EXPECT_TRUE(camera.project(target_from_keyframe * (distance * ray.direction), &out));
+    EXPECT_TRUE(rig.camera(0).project(target_from_keyframe * (distance * ray.direction), &out));
     return out;
   };
   const Eigen::Vector2d center = pixel.cast<double>();
@@ -50,15 +51,15 @@ TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
 }
 
 TEST(PredictPatch, RefusesWhatTheTargetDoesNotSee) {
-  const Camera camera = test_camera();
-  const KeyFrameView keyframe = one_feature(camera, {320, 240});
+  const TrackingRig rig(Rig{{test_camera()}});
+  const KeyFrameView keyframe = one_feature(rig, {320, 240});
   PatchQuery query;
-  EXPECT_TRUE(predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -1}}, &query));
+  EXPECT_TRUE(predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -1}}, &query));
   // Behind, beside, and so near that the patch is more than 2.5 times larger.
-  EXPECT_FALSE(predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -6}}, &query));
-  EXPECT_FALSE(predict_patch(camera, keyframe, 0, 5.0, {exp_so3({0, 1.2, 0}), {0, 0, 0}}, &query));
+  EXPECT_FALSE(predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -6}}, &query));
+  EXPECT_FALSE(predict_patch(rig, keyframe, 0, 5.0, 0, {exp_so3({0, 1.2, 0}), {0, 0, 0}}, &query));
   EXPECT_FALSE(
-      predict_patch(camera, keyframe, 0, 5.0, {Eigen::Quaterniond::Identity(), {0, 0, -3.5}}, &query));
+      predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -3.5}}, &query));
 }
 
 }  // namespace

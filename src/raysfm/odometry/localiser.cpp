@@ -8,24 +8,32 @@ namespace raysfm {
 namespace {
 
 constexpr float kMinZncc = 0.75f;
-constexpr int kMaxLocalPoints = 800;
+constexpr int kMaxLocalPoints = 800;   // for one camera
 constexpr double kCornerError = 4.0;   // pixels: inliers before the alignment
 constexpr double kAlignedError = 2.0;  // pixels: inliers after it
 constexpr int kMinInliers = 20;
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
-// How many of a sample of key frame k's points the anchor's camera would see.
-int overlap(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int k, int anchor) {
+int max_local_points(const TrackingRig& rig) {
+  return kMaxLocalPoints * (rig.size() + 1) / 2;
+}
+
+// How many of a sample of key frame k's points the anchor's cameras would see.
+int overlap(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig, int k, int anchor) {
   constexpr int kStep = 8;
-  const Rigid3 cam_from_world = camera.rig_from_cam.inverse() * map.keyframes[anchor].rig_from_world;
+  const Rigid3& anchor_from_world = map.keyframes[anchor].rig_from_world;
   const MapKeyFrame& keyframe = map.keyframes[k];
   int seen = 0;
   if (!views[k].view) return 0;
   for (int f = 0; f < keyframe.size(); f += kStep) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !map.tracks[track].triangulated) continue;
+    const Eigen::Vector3d point = anchor_from_world * map.tracks[track].position;
     Eigen::Vector2d pixel;
-    seen += camera.project(cam_from_world * map.tracks[track].position, &pixel) && camera.contains(pixel);
+    bool visible = false;
+    for (int c = 0; c < rig.size() && !visible; ++c)
+      visible = rig.see(c, rig.cam_from_rig(c) * point, &pixel);
+    seen += visible;
   }
   return seen;
 }
@@ -33,17 +41,18 @@ int overlap(const Map& map, std::span<const KeyFrameView> views, const Camera& c
 // The patch that a track is looked for with: the earliest one that the anchor would see at about the same
 // scale and from about the same side. Patches taken over from key frame to key frame would drift; this one
 // does not.
-LocalPoint reference_patch(const Map& map, std::span<const KeyFrameView> views, const Camera& camera,
+LocalPoint reference_patch(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
                            int track, int anchor, LocalPoint latest) {
   const Eigen::Vector3d position = map.tracks[track].position;
-  const auto from_camera = [&](int k) -> Eigen::Vector3d {
-    return position - (map.keyframes[k].rig_from_world.inverse() * camera.rig_from_cam).translation;
+  const auto from_camera = [&](int k, int camera) -> Eigen::Vector3d {
+    return position -
+           (map.keyframes[k].rig_from_world.inverse() * rig.camera(camera).rig_from_cam).translation;
   };
-  const Eigen::Vector3d seen = from_camera(anchor);
+  const Eigen::Vector3d seen = from_camera(anchor, map.keyframes[latest.keyframe].cameras[latest.feature]);
   for (const TrackObservation& o : map.tracks[track].observations) {
     if (o.keyframe >= latest.keyframe) break;
     if (!views[o.keyframe].view || !map.keyframes[o.keyframe].inliers[o.feature]) continue;
-    const Eigen::Vector3d then = from_camera(o.keyframe);
+    const Eigen::Vector3d then = from_camera(o.keyframe, map.keyframes[o.keyframe].cameras[o.feature]);
     const double scale = then.norm() / seen.norm();
     const double cosine = then.dot(seen) / (then.norm() * seen.norm());
     if (scale > 1 / kMaxScaleChange && scale < kMaxScaleChange && cosine > kMinViewCosine) {
@@ -57,13 +66,13 @@ LocalPoint reference_patch(const Map& map, std::span<const KeyFrameView> views, 
 
 }  // namespace
 
-LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int anchor,
-                        int reach) {
+LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
+                        int anchor, int reach) {
   LocalMap local;
   local.anchor = anchor;
   std::vector<std::pair<int, int>> others;  // (overlap, key frame)
   for (int k = 0; k < static_cast<int>(map.keyframes.size()); ++k) {
-    const int seen = k == anchor ? 0 : overlap(map, views, camera, k, anchor);
+    const int seen = k == anchor ? 0 : overlap(map, views, rig, k, anchor);
     if (seen > 0) others.push_back({seen, k});
   }
   std::sort(others.begin(), others.end(), std::greater<>());
@@ -72,59 +81,85 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 
   std::vector<uint8_t> taken(map.tracks.size(), 0);
   for (const auto& [seen, k] : others) {
-    if (static_cast<int>(local.points.size()) >= kMaxLocalPoints) break;
+    if (static_cast<int>(local.points.size()) >= max_local_points(rig)) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
       const int track = keyframe.tracks[f];
       if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated || taken[track]) continue;
       taken[track] = 1;
-      local.points.push_back(reference_patch(map, views, camera, track, anchor, {track, k, f, k == anchor}));
+      local.points.push_back(reference_patch(map, views, rig, track, anchor, {track, k, f, k == anchor}));
     }
   }
+  const auto source = [&](const LocalPoint& p) {
+    return std::pair(p.keyframe, map.keyframes[p.keyframe].cameras[p.feature]);
+  };
   std::stable_sort(local.points.begin(), local.points.end(),
-                   [](const LocalPoint& a, const LocalPoint& b) { return a.keyframe < b.keyframe; });
+                   [&](const LocalPoint& a, const LocalPoint& b) { return source(a) < source(b); });
   return local;
 }
 
+// Queries for every camera that should see a point, whichever saw it before.
 void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const Rigid3& rig_from_world, float radius, int max_points) {
-  const Camera& camera = rig_.cameras[0];
-  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
   queries_.clear();
-  int keyframe = -1;
-  Rigid3 cam_from_keyframe;
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();  // of the key frame, world
   const int step = std::max(1, static_cast<int>(local.points.size()) / max_points);
+  for (int c = 0; c < rig_.size(); ++c) predict_in(c, map, views, local, rig_from_world, radius, step);
+}
+
+void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameView> views,
+                           const LocalMap& local, const Rigid3& rig_from_world, float radius, int step) {
+  const Rigid3 cam_from_world = rig_.cam_from_rig(camera) * rig_from_world;
+  int keyframe = -1, source = -1;
+  Rigid3 source_from_world, cam_from_source;
   for (size_t i = 0; i < local.points.size(); i += step) {
     const LocalPoint& p = local.points[i];
-    if (p.keyframe != keyframe) {
+    if (p.keyframe != keyframe || views[keyframe].cameras[p.feature] != source) {
       keyframe = p.keyframe;
-      const Rigid3 world_from_keyframe =
-          map.keyframes[keyframe].rig_from_world.inverse() * camera.rig_from_cam;
-      cam_from_keyframe = cam_from_rig * rig_from_world * world_from_keyframe;
-      center = world_from_keyframe.translation;
+      source = views[keyframe].cameras[p.feature];
+      source_from_world = rig_.cam_from_rig(source) * map.keyframes[keyframe].rig_from_world;
+      cam_from_source = cam_from_world * source_from_world.inverse();
     }
+    const Eigen::Vector3d& position = map.tracks[p.track].position;
+    const Eigen::Vector3d origin = views[keyframe].origins[p.feature].cast<double>();
+    const double distance = (source_from_world * position - origin).norm();
     PatchQuery query{.keyframe = p.keyframe,
                      .feature = p.feature,
+                     .camera = camera,
                      .track = p.track,
                      .in_anchor = p.in_anchor,
                      .radius = radius};
-    const Eigen::Vector3d& position = map.tracks[p.track].position;
-    if (!predict_patch(camera, views[keyframe], p.feature, (position - center).norm(), cam_from_keyframe,
-                       &query)) {
-      continue;
-    }
+    if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source, &query)) continue;
     Eigen::Vector2d pixel;
-    if (!camera.project(cam_from_rig * (rig_from_world * position), &pixel)) continue;
+    if (!rig_.find(camera, cam_from_world * position, &pixel)) continue;
     query.predicted = pixel.cast<float>();
     queries_.push_back(query);
   }
 }
 
-// Pose from points_ and pixels_.
+void Localiser::clear_observations() {
+  points_.clear();
+  pixels_.clear();
+  cameras_.clear();
+  rays_.clear();
+}
+
+// False where the pixel has no ray to measure an angle from.
+bool Localiser::add_observation(const Eigen::Vector3d& point, int camera, const Eigen::Vector2f& pixel) {
+  if (rig_.angular()) {
+    ObservedRay ray;
+    if (!rig_.observe(camera, pixel, &ray)) return false;
+    rays_.push_back(ray);
+  }
+  points_.push_back(point);
+  pixels_.push_back(pixel.cast<double>());
+  cameras_.push_back(camera);
+  return true;
+}
+
+// Pose from the observations.
 bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
   ScopedTimer timer(pose_timing);
-  estimator_.estimate(rig_, {points_, pixels_, {}}, prior,
+  estimator_.estimate(rig_.rig(), {points_, pixels_, cameras_, rays_}, prior,
                       {.max_error_px = max_error_px,
                        .min_inliers = kMinInliers,
                        .seed = options_.seed,
@@ -135,12 +170,8 @@ bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
 
 bool Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
                                   Rigid3* rig_from_world) {
-  points_.clear();
-  pixels_.clear();
-  for (const TrackPixel& m : matches) {
-    points_.push_back(map.tracks[m.track].position);
-    pixels_.push_back(m.pixel.cast<double>());
-  }
+  clear_observations();
+  for (const TrackPixel& m : matches) add_observation(map.tracks[m.track].position, m.camera, m.pixel);
   if (!estimate(nullptr, frame, kCornerError)) return false;
   *rig_from_world = estimate_.rig_from_world;
   return true;
@@ -151,29 +182,28 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
                       const View& view) {
   {
     ScopedTimer timer(align_timing);
-    predict(map, views, local, estimate_.rig_from_world, 0, kMaxLocalPoints);
+    predict(map, views, local, estimate_.rig_from_world, 0, max_local_points(rig_));
     starts_.clear();
     for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
     matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinZncc}, &alignments_);
     aligned_.clear();
-    points_.clear();
-    pixels_.clear();
+    clear_observations();
     for (size_t i = 0; i < queries_.size(); ++i) {
+      const PatchQuery& q = queries_[i];
       if (!alignments_[i].converged) continue;
-      aligned_.push_back({queries_[i].track, queries_[i].in_anchor, alignments_[i].pixel});
-      points_.push_back(map.tracks[queries_[i].track].position);
-      pixels_.push_back(alignments_[i].pixel.cast<double>());
+      if (!add_observation(map.tracks[q.track].position, q.camera, alignments_[i].pixel)) continue;
+      aligned_.push_back({q.track, q.camera, q.in_anchor, alignments_[i].pixel});
     }
   }
   return refine_estimate();
 }
 
-// estimate_ again, from points_ and pixels_.
+// estimate_ again, from the observations.
 bool Localiser::refine_estimate() {
   ScopedTimer timer(pose_timing);
   estimate_.inlier.assign(points_.size(), 1);
-  estimator_.refine(rig_, {points_, pixels_, {}}, {.max_error_px = kAlignedError, .min_inliers = kMinInliers},
-                    &estimate_);
+  estimator_.refine(rig_.rig(), {points_, pixels_, cameras_, rays_},
+                    {.max_error_px = kAlignedError, .min_inliers = kMinInliers}, &estimate_);
   return estimate_.ok();
 }
 
@@ -184,11 +214,10 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     ScopedTimer timer(match_timing);
     predict(map, views, local, predicted_rig_from_world, range.radius_px, range.coarse_points);
     matcher_.match(views, queries_, view, kMinZncc, &corners_);
-    points_.clear();
-    pixels_.clear();
+    clear_observations();
     for (const GuidedMatch& m : corners_) {
-      points_.push_back(map.tracks[queries_[m.query].track].position);
-      pixels_.push_back(m.pixel.cast<double>());
+      const PatchQuery& q = queries_[m.query];
+      add_observation(map.tracks[q.track].position, q.camera, m.pixel);
     }
   }
   Localisation out;
@@ -198,13 +227,19 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     return out;
   }
   const bool aligned = align(map, views, local, view);
-  out.visible = static_cast<int>(queries_.size());
-  for (const PatchQuery& q : queries_) out.visible_in_anchor += q.in_anchor;
+  counted_.assign(map.tracks.size(), 0);
+  for (const PatchQuery& q : queries_) {
+    if (counted_[q.track]) continue;
+    counted_[q.track] = 1;
+    ++out.visible;
+    out.visible_in_anchor += q.in_anchor;
+  }
   if (!aligned) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
                              out.visible, estimate_.inlier_count);
     return out;
   }
+  constexpr uint8_t kMatched = 255;
   out.ok = true;
   out.rig_from_world = estimate_.rig_from_world;
   out.covariance = estimate_.covariance;
@@ -212,19 +247,17 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
   for (size_t i = 0; i < aligned_.size(); ++i) {
     if (!estimate_.inlier[i]) continue;
     out.matches.push_back(aligned_[i]);
-    out.matched_with_anchor += aligned_[i].in_anchor;
+    if (aligned_[i].in_anchor && counted_[aligned_[i].track] != kMatched) ++out.matched_with_anchor;
+    counted_[aligned_[i].track] = kMatched;
   }
   return out;
 }
 
 bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigid3* rig_from_world,
                        Matrix6d* covariance) {
-  points_.clear();
-  pixels_.clear();
+  clear_observations();
   for (const TrackPixel& m : matches) {
-    if (!map.tracks[m.track].triangulated) continue;
-    points_.push_back(map.tracks[m.track].position);
-    pixels_.push_back(m.pixel.cast<double>());
+    if (map.tracks[m.track].triangulated) add_observation(map.tracks[m.track].position, m.camera, m.pixel);
   }
   estimate_.rig_from_world = *rig_from_world;
   if (!refine_estimate()) return false;

@@ -26,14 +26,16 @@ struct LocalMap {
   std::vector<LocalPoint> points;
 };
 
-// The points of the anchor, then those of the `reach` other key frames whose points its camera would see most
-// of, whenever they were taken: a place seen before is recognised while the drift is smaller than the search.
-LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const Camera& camera, int anchor,
-                        int reach);
+// The points of the anchor, then those of the `reach` other key frames whose points its cameras would see
+// most of, whenever they were taken: a place seen before is recognised while the drift is smaller than the
+// search.
+LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
+                        int anchor, int reach);
 
 // A map point seen in a frame.
 struct PointMatch {
   int track = 0;
+  int camera = 0;
   bool in_anchor = false;  // the local map's anchor sees the track
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
@@ -41,6 +43,7 @@ struct PointMatch {
 // The same once only the estimate matters.
 struct TrackPixel {
   int track = 0;
+  int camera = 0;
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
@@ -59,16 +62,16 @@ struct Localisation {
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of rig_from_world
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
-  int visible = 0;                  // points of the local map that the frame should see
+  int visible = 0;                  // points of the local map that a camera of the frame should see
   int visible_in_anchor = 0;        // those of them that the anchor sees
-  int matched_with_anchor = 0;      // inliers that the anchor sees
+  int matched_with_anchor = 0;      // of these, those found again
 };
 
 // Pose of a frame (LBA09 2.3): match with the map guided by a predicted pose, RANSAC, sub-pixel alignment,
 // refinement with covariance. Owns scratch memory.
 class Localiser {
  public:
-  Localiser(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+  Localiser(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Some points of the local map are matched with corners for a first pose; then all are aligned where that
   // pose expects them.
@@ -89,11 +92,15 @@ class Localiser {
  private:
   void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                const Rigid3& rig_from_world, float radius, int max_points);
+  void predict_in(int camera, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                  const Rigid3& rig_from_world, float radius, int step);
+  void clear_observations();
+  bool add_observation(const Eigen::Vector3d& point, int camera, const Eigen::Vector2f& pixel);
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
   bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
   bool refine_estimate();
 
-  const Rig& rig_;
+  const TrackingRig& rig_;
   const OdometryOptions& options_;
   GuidedMatcher matcher_;
   PoseEstimator estimator_;
@@ -104,6 +111,9 @@ class Localiser {
   std::vector<PatchAlignment> alignments_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2d> pixels_;
+  std::vector<int> cameras_;
+  std::vector<ObservedRay> rays_;  // where residuals are angular
+  std::vector<uint8_t> counted_;   // by track
   std::vector<PointMatch> aligned_;
 };
 

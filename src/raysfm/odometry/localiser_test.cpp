@@ -41,7 +41,7 @@ class LocaliserTest : public testing::Test {
   const TrueMap& truth_ = three_keyframes();
   OdometryOptions options_;
   Localiser localiser_{truth_.rig, options_};
-  LocalMap local_ = make_local_map(truth_.map, truth_.views, truth_.rig.cameras[0], 2, kAllNear);
+  LocalMap local_ = make_local_map(truth_.map, truth_.views, truth_.rig, 2, kAllNear);
 
   Localisation localise(const View& view, const Rigid3& predicted) {
     return localiser_.localise(truth_.map, truth_.views, local_, view, predicted, kSearch);
@@ -54,7 +54,7 @@ const Eigen::Matrix<double, 6, 1> kPredictionError =
 
 TEST_F(LocaliserTest, FindsThePoseFromAPredictionThatIsPixelsOff) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  const ViewPtr view = film(world_, truth_.rig.camera(0), pose, 3);
   const Localisation found = localise(*view, retract(pose, kPredictionError));
   ASSERT_TRUE(found.ok) << found.reason;
   EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.003);
@@ -66,7 +66,7 @@ TEST_F(LocaliserTest, FindsThePoseFromAPredictionThatIsPixelsOff) {
 
 TEST_F(LocaliserTest, MatchesAreWhereTheFrameSeesTheTracks) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const Camera& camera = truth_.rig.cameras[0];
+  const Camera& camera = truth_.rig.camera(0);
   const ViewPtr view = film(world_, camera, pose, 3);
   const Localisation found = localise(*view, retract(pose, kPredictionError));
   ASSERT_TRUE(found.ok) << found.reason;
@@ -87,14 +87,14 @@ TEST_F(LocaliserTest, MatchesAreWhereTheFrameSeesTheTracks) {
 
 TEST_F(LocaliserTest, WhatMovesByItselfIsNoMatch) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const Camera& camera = truth_.rig.cameras[0];
+  const Camera& camera = truth_.rig.camera(0);
   const ViewPtr still = film(world_, camera, pose, 3);
   // A part of the image that has gone 3 pixels to the right and 2 down.
   constexpr int kLeft = 40, kTop = 60, kWidth = 90, kHeight = 80;
   GrayImage image(320, 240);
-  for (int y = 0; y < 240; ++y) std::copy_n(still->image.row(y), 320, image.row(y));
+  for (int y = 0; y < 240; ++y) std::copy_n(still->cameras[0].image.row(y), 320, image.row(y));
   for (int y = kTop; y < kTop + kHeight; ++y) {
-    std::copy_n(still->image.row(y - 2) + kLeft - 3, kWidth, image.row(y) + kLeft);
+    std::copy_n(still->cameras[0].image.row(y - 2) + kLeft - 3, kWidth, image.row(y) + kLeft);
   }
   const Localisation found = localise(*testing_support::as_view(std::move(image), 3), pose);
   ASSERT_TRUE(found.ok) << found.reason;
@@ -105,7 +105,9 @@ TEST_F(LocaliserTest, WhatMovesByItselfIsNoMatch) {
   EXPECT_EQ(std::count_if(found.matches.begin(), found.matches.end(),
                           [&](const PointMatch& m) { return moved(m.pixel); }),
             0);
-  EXPECT_GT(std::count_if(still->features.pixels.begin(), still->features.pixels.end(), moved), 20)
+  EXPECT_GT(std::count_if(still->cameras[0].features.pixels.begin(), still->cameras[0].features.pixels.end(),
+                          moved),
+            20)
       << "nothing moves";
   EXPECT_GT(found.matches.size(), 150u);
 }
@@ -117,7 +119,7 @@ TEST_F(LocaliserTest, CovarianceTellsTheError) {
   constexpr int kFrames = 8;
   for (int i = 0; i < kFrames; ++i) {
     const Rigid3 pose = true_pose(truth_.rig, 2.1 + 0.15 * i);
-    const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3 + i);
+    const ViewPtr view = film(world_, truth_.rig.camera(0), pose, 3 + i);
     const Localisation found = localise(*view, retract(pose, 0.5 * kPredictionError));
     ASSERT_TRUE(found.ok) << found.reason;
     const Eigen::LLT<Matrix6d> llt(found.covariance);
@@ -134,7 +136,7 @@ TEST_F(LocaliserTest, CovarianceTellsTheError) {
 
 TEST_F(LocaliserTest, AFrameThatLooksElsewhereHasAReasonInsteadOfAPose) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  const ViewPtr view = film(world_, truth_.rig.camera(0), pose, 3);
   for (const Eigen::Vector3d& turn : {Eigen::Vector3d(0, 0.6, 0), Eigen::Vector3d(0, 3.0, 0)}) {
     Eigen::Matrix<double, 6, 1> far = Eigen::Matrix<double, 6, 1>::Zero();
     far.tail<3>() = turn;
@@ -147,7 +149,7 @@ TEST_F(LocaliserTest, AFrameThatLooksElsewhereHasAReasonInsteadOfAPose) {
 
 TEST_F(LocaliserTest, AFrameOfAnotherSceneHasAReasonInsteadOfAPose) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const ViewPtr other = film(PanelWorld(1234), truth_.rig.cameras[0], pose, 3);
+  const ViewPtr other = film(PanelWorld(1234), truth_.rig.camera(0), pose, 3);
   const ViewPtr black = testing_support::black_view(320, 240, 3);
   for (const View* view : {other.get(), black.get()}) {
     const Localisation found = localise(*view, pose);
@@ -158,7 +160,7 @@ TEST_F(LocaliserTest, AFrameOfAnotherSceneHasAReasonInsteadOfAPose) {
 
 TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
   const Rigid3 pose = true_pose(truth_.rig, 3);
-  const Camera& camera = truth_.rig.cameras[0];
+  const Camera& camera = truth_.rig.camera(0);
   Rng rng(5);
   std::vector<TrackPixel> matches;
   for (size_t t = 0; t < truth_.map.tracks.size(); ++t) {
@@ -166,7 +168,7 @@ TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
     if (!camera.project(camera.rig_from_cam.inverse() * (pose * truth_.map.tracks[t].position), &pixel))
       continue;
     if (t % 3 == 0) pixel = {rng.uniform(0, 320), rng.uniform(0, 240)};
-    matches.push_back({static_cast<int>(t), pixel.cast<float>()});
+    matches.push_back({static_cast<int>(t), 0, pixel.cast<float>()});
   }
   Rigid3 found;
   ASSERT_TRUE(localiser_.pose_from_matches(truth_.map, matches, 3, &found));
@@ -180,11 +182,11 @@ TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
 
 TEST_F(LocaliserTest, RefineFollowsPointsThatHaveMoved) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
-  const ViewPtr view = film(world_, truth_.rig.cameras[0], pose, 3);
+  const ViewPtr view = film(world_, truth_.rig.camera(0), pose, 3);
   const Localisation found = localise(*view, pose);
   ASSERT_TRUE(found.ok) << found.reason;
   std::vector<TrackPixel> matches;
-  for (const PointMatch& m : found.matches) matches.push_back({m.track, m.pixel});
+  for (const PointMatch& m : found.matches) matches.push_back({m.track, m.camera, m.pixel});
 
   Map map = truth_.map;
   const Rigid3 shift{Eigen::Quaterniond::Identity(), {0.02, 0.01, -0.03}};
@@ -208,33 +210,34 @@ class LocalMapTest : public testing::Test {
   void add_keyframe(bool backwards, double side, int tracks) {
     const int k = static_cast<int>(map_.keyframes.size());
     const Rigid3 world_from_cam{exp_so3({0, backwards ? std::numbers::pi : 0.0, 0}), {side, 0, 0}};
-    map_.keyframes.emplace_back().rig_from_world = rig_.cameras[0].rig_from_cam * world_from_cam.inverse();
+    map_.keyframes.emplace_back().rig_from_world = rig_.camera(0).rig_from_cam * world_from_cam.inverse();
     for (int i = 0; i < tracks; ++i) {
       const Eigen::Vector2d pixel(20 + 280 * rng_.uniform(), 20 + 200 * rng_.uniform());
-      const Ray ray = testing_support::world_ray(rig_.cameras[0], map_.keyframes[k].rig_from_world, pixel);
+      const Ray ray = testing_support::world_ray(rig_.camera(0), map_.keyframes[k].rig_from_world, pixel);
       const int track = static_cast<int>(map_.tracks.size());
       map_.tracks.push_back({ray.origin + 5 * ray.direction, true, {}, {}});
-      map_.observe(track, k, map_.keyframes[k].add(pixel.cast<float>(), track));
+      map_.observe(track, k, map_.keyframes[k].add(0, pixel.cast<float>(), track));
     }
   }
   // Key frame k sees a track too.
   void see(int track, int k) {
-    const Camera& camera = rig_.cameras[0];
+    const Camera& camera = rig_.camera(0);
     Eigen::Vector2d pixel;
     ASSERT_TRUE(camera.project(
         camera.rig_from_cam.inverse() * (map_.keyframes[k].rig_from_world * map_.tracks[track].position),
         &pixel));
-    map_.observe(track, k, map_.keyframes[k].add(pixel.cast<float>(), track));
+    map_.observe(track, k, map_.keyframes[k].add(0, pixel.cast<float>(), track));
   }
   LocalMap make(int anchor, int reach) {
     views_.clear();
     auto view = std::make_shared<View>();
-    view->image = GrayImage(320, 240);
-    for (int y = 0; y < 240; ++y) std::fill_n(view->image.row(y), 320, uint8_t{100});
+    view->cameras.resize(1);
+    view->cameras[0].image = GrayImage(320, 240);
+    for (int y = 0; y < 240; ++y) std::fill_n(view->cameras[0].image.row(y), 320, uint8_t{100});
     for (const MapKeyFrame& k : map_.keyframes) {
-      views_.push_back(make_keyframe_view(view, k, rig_.cameras[0]));
+      views_.push_back(make_keyframe_view(view, k, rig_));
     }
-    return make_local_map(map_, views_, rig_.cameras[0], anchor, reach);
+    return make_local_map(map_, views_, rig_, anchor, reach);
   }
   std::set<int> tracks_of(const LocalMap& local) {
     std::set<int> tracks;
@@ -249,7 +252,7 @@ class LocalMapTest : public testing::Test {
     return true;
   }
 
-  Rig rig_ = crooked_rig();
+  TrackingRig rig_ = crooked_rig();
   Map map_;
   std::vector<KeyFrameView> views_;
   Rng rng_{3};

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "raysfm/bundle/local_bundle.h"
+#include "raysfm/bundle/scale_search.h"
 
 namespace raysfm {
 namespace {
@@ -20,20 +21,23 @@ constexpr double kInlierError = 2.0;       // pixels
 constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
 constexpr float kNeighbourhood = 60.0f;    // pixels: features that tell the depth of one without
 
-// Guess of the distance of the features of a key frame, from those that have one.
+// Guess of the distance of what a camera of a key frame sees, from the features that have one.
 class DistancePrior {
  public:
-  DistancePrior(const Map& map, int keyframe, const Camera& camera) {
+  DistancePrior(const Map& map, int keyframe, const TrackingRig& rig, int camera) {
     const MapKeyFrame& k = map.keyframes[keyframe];
-    const Eigen::Vector3d center = (k.rig_from_world.inverse() * camera.rig_from_cam).translation;
+    const Eigen::Vector3d center = (k.rig_from_world.inverse() * rig.camera(camera).rig_from_cam).translation;
     std::vector<Eigen::Vector2f> pixels;
     for (int f = 0; f < k.size(); ++f) {
       if (k.tracks[f] < 0 || !k.inliers[f] || !map.tracks[k.tracks[f]].triangulated) continue;
+      const double distance = (map.tracks[k.tracks[f]].position - center).norm();
+      near_.push_back(distance);
+      if (k.cameras[f] != camera) continue;
       pixels.push_back(k.pixels[f]);
-      distances_.push_back((map.tracks[k.tracks[f]].position - center).norm());
+      distances_.push_back(distance);
     }
-    grid_.build(pixels, camera.width, camera.height);
-    near_ = distances_;
+    grid_.build(pixels, rig.camera(camera).width, rig.camera(camera).height);
+    if (!distances_.empty()) near_ = distances_;
     overall_ = median();
   }
 
@@ -58,17 +62,45 @@ class DistancePrior {
 
 }  // namespace
 
-void start_tracks(const View& view, float spacing, int keyframe, Map* map) {
+bool observe(const TrackingRig& rig, int track, int keyframe, int camera, const Eigen::Vector2f& pixel,
+             Map* map) {
   MapKeyFrame& k = map->keyframes[keyframe];
-  FeatureGrid taken;
-  taken.build(k.pixels, view.image.width(), view.image.height());
-  for (const Eigen::Vector2f& pixel : view.features.pixels) {
-    bool free = true;
-    taken.for_each_in(pixel, spacing, [&](int) { free = false; });
-    if (!free) continue;
-    const int track = static_cast<int>(map->tracks.size());
-    map->tracks.emplace_back().rgb = color_at(view, pixel);
-    map->observe(track, keyframe, k.add(pixel, track));
+  if (rig.angular()) {
+    ObservedRay ray;
+    if (!rig.observe(camera, pixel, &ray)) return false;
+    k.rays.push_back(ray);
+  }
+  map->observe(track, keyframe, k.add(camera, pixel, track));
+  return true;
+}
+
+bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel,
+                      MapKeyFrame* keyframe) {
+  if (rig.angular() && !rig.observe(keyframe->cameras[feature], pixel, &keyframe->rays[feature]))
+    return false;
+  keyframe->pixels[feature] = pixel;
+  return true;
+}
+
+void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map) {
+  std::vector<Eigen::Vector2f> there;
+  for (int c = 0; c < rig.size(); ++c) {
+    const CameraView& image = view.cameras[c];
+    const MapKeyFrame& k = map->keyframes[keyframe];
+    there.clear();
+    for (int f = 0; f < k.size(); ++f) {
+      if (k.cameras[f] == c) there.push_back(k.pixels[f]);
+    }
+    FeatureGrid taken;
+    taken.build(there, image.image.width(), image.image.height());
+    for (const Eigen::Vector2f& pixel : image.features.pixels) {
+      bool free = true;
+      taken.for_each_in(pixel, spacing, [&](int) { free = false; });
+      if (!free) continue;
+      const int track = static_cast<int>(map->tracks.size());
+      map->tracks.emplace_back().rgb = color_at(image, pixel);
+      if (!observe(rig, track, keyframe, c, pixel, map)) map->tracks.pop_back();
+    }
   }
 }
 
@@ -81,34 +113,75 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     MapKeyFrame& k = map->keyframes.emplace_back();
     k.frame = view->frame;
     k.rig_from_world = pose.rig_from_world;
-    for (const PointMatch& m : pose.matches) map->observe(m.track, keyframe, k.add(m.pixel, m.track));
+    for (const PointMatch& m : pose.matches) observe(rig_, m.track, keyframe, m.camera, m.pixel, map);
     follow_tracks(anchor, keyframe, *view, map, *views);
     triangulate_tracks(keyframe, map);
-    start_tracks(*view, kTrackSpacing, keyframe, map);
-    views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_.cameras[0]));
+    complete_keyframe(view, keyframe, map, views);
   }
   adjust_locally(map);
 }
 
+void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
+                               std::vector<KeyFrameView>* views) {
+  start_tracks(rig_, *view, kTrackSpacing, keyframe, map);
+  views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_));
+  if (rig_.common_views().empty()) return;
+  const MapKeyFrame& k = map->keyframes[keyframe];
+  std::vector<int> wanted;
+  for (int f = 0; f < k.size(); ++f) {
+    if (k.tracks[f] >= 0 && !map->tracks[k.tracks[f]].triangulated) wanted.push_back(f);
+  }
+  across_.match(rig_, views->back(), wanted, &across_matches_);
+  bool joined = false;
+  for (const AcrossMatch& m : across_matches_) joined |= join_across(keyframe, m, map);
+  if (!joined) return;
+  views->back() = make_keyframe_view(view, map->keyframes[keyframe], rig_);
+  triangulate_tracks(keyframe, map);
+}
+
+// Makes what another camera sees of a feature an observation of its track. A track that has only just begun
+// at that place in the other camera is the same point: it ends.
+bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
+  MapKeyFrame& k = map->keyframes[keyframe];
+  const int track = k.tracks[match.feature];
+  for (int f = 0; f < k.size(); ++f) {
+    if (k.cameras[f] != match.camera || k.tracks[f] < 0) continue;
+    if ((k.pixels[f] - match.pixel).squaredNorm() >= kTrackSpacing * kTrackSpacing) continue;
+    if (map->tracks[k.tracks[f]].observations.size() > 1) return false;  // another point, or joined already
+  }
+  for (int f = 0; f < k.size(); ++f) {
+    if (k.cameras[f] != match.camera || k.tracks[f] < 0) continue;
+    if ((k.pixels[f] - match.pixel).squaredNorm() >= kTrackSpacing * kTrackSpacing) continue;
+    map->tracks[k.tracks[f]].observations.clear();
+    k.tracks[f] = -1;
+  }
+  return observe(rig_, track, keyframe, match.camera, match.pixel, map);
+}
+
 void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
                            std::span<const KeyFrameView> views) {
-  const Camera& camera = rig_.cameras[0];
+  for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, view, map, views);
+}
+
+void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, Map* map,
+                       std::span<const KeyFrameView> views) {
   const MapKeyFrame& from = map->keyframes[anchor];
-  const Rigid3 target_from_anchor = camera.rig_from_cam.inverse() * map->keyframes[keyframe].rig_from_world *
-                                    from.rig_from_world.inverse() * camera.rig_from_cam;
-  DistancePrior prior(*map, anchor, camera);
+  const Rigid3 target_from_anchor = rig_.cam_from_rig(camera) * map->keyframes[keyframe].rig_from_world *
+                                    from.rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
+  DistancePrior prior(*map, anchor, rig_, camera);
   queries_.clear();
   for (int f = 0; f < from.size(); ++f) {
     const int track = from.tracks[f];
-    if (track < 0 || map->tracks[track].triangulated) continue;
+    if (from.cameras[f] != camera || track < 0 || map->tracks[track].triangulated) continue;
     const double distance = prior.at(from.pixels[f]);
     PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
-    if (!(distance > 0) || !predict_patch(camera, views[anchor], f, distance, target_from_anchor, &query))
-      continue;
+    const auto predict = [&](double d, PatchQuery* q) {
+      return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, q);
+    };
+    if (!(distance > 0) || !predict(distance, &query)) continue;
     PatchQuery nearer, farther;
     query.radius = kMaxSearchRadius;
-    if (predict_patch(camera, views[anchor], f, 0.5 * distance, target_from_anchor, &nearer) &&
-        predict_patch(camera, views[anchor], f, 5.0 * distance, target_from_anchor, &farther)) {
+    if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
       const float reach =
           std::max((nearer.predicted - query.predicted).norm(), (farther.predicted - query.predicted).norm());
       query.radius = std::min(kMaxSearchRadius, 3.0f + reach);
@@ -124,18 +197,17 @@ void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
     starts_.push_back(m.pixel);
   }
   matcher_.align(views, matched, starts_, view, {}, &alignments_);
-  MapKeyFrame& to = map->keyframes[keyframe];
   for (size_t i = 0; i < matched.size(); ++i) {
-    if (!alignments_[i].converged) continue;
-    map->observe(matched[i].track, keyframe, to.add(alignments_[i].pixel, matched[i].track));
+    if (alignments_[i].converged)
+      observe(rig_, matched[i].track, keyframe, camera, alignments_[i].pixel, map);
   }
 }
 
 bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation* result) {
-  const Camera& camera = rig_.cameras[0];
   rays_.clear();
   for (const TrackObservation& o : track.observations) {
     const MapKeyFrame& k = map.keyframes[o.keyframe];
+    const Camera& camera = rig_.camera(k.cameras[o.feature]);
     Ray ray;
     if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
     const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
@@ -146,7 +218,7 @@ bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation
   for (const Ray& ray : rays_)
     largest = std::max(largest, (ray.direction - rays_[0].direction).squaredNorm());
   if (largest < kLeastParallax * kLeastParallax) return false;
-  return triangulate(rays_, result) && result->max_angle < kInlierError / camera.pixels_per_radian();
+  return triangulate(rays_, result) && result->max_angle < kInlierError / rig_.pixels_per_radian();
 }
 
 void Mapper::triangulate_tracks(int keyframe, Map* map) {
@@ -198,6 +270,36 @@ void Mapper::choose_window(const Map& map, int first_observed) {
   }
 }
 
+// Keeps a guessed scale where it is as long as nothing measures it: an adjustment would run along a valley
+// that is nearly flat.
+void Mapper::hold_scale(const Map& map, BundleProblem* problem) const {
+  constexpr double kHold = 1e4;
+  if (map.guessed_keyframe < 0 || window_keyframes_[0] != 0) return;
+  problem->scale_prior = {window_pose_of_keyframe_[map.guessed_keyframe], 0, map.guessed_distance, kHold};
+}
+
+// Looks for a scale that is still a guess, where the rays' origins can tell it. It counts as measured, and
+// replaces the guess, once half and double of it fit the observations much worse.
+void Mapper::measure_scale(const BundleOptions& options, BundleProblem problem, Map* map) {
+  constexpr int kEnoughKeyframes = 5;
+  constexpr double kSignificance = 6;
+  if (problem.scale_prior.pose < 0 || rig_.central()) return;
+  if (static_cast<int>(map->keyframes.size()) < kEnoughKeyframes) return;
+  BundleOptions converging = options;
+  converging.max_iterations = 40;
+  converging.min_relative_decrease = 1e-7;
+  std::vector<Rigid3> poses = window_poses_;
+  std::vector<Eigen::Vector3d> points = window_points_;
+  problem.rig_from_world = poses;
+  problem.points = points;
+  const ScaleSearch found = search_scale(adjuster_, problem, converging);
+  map->scale_measured = found.significance > kSignificance;
+  if (!map->scale_measured) return;
+  map->guessed_distance = found.distance;
+  window_poses_ = poses;
+  window_points_ = points;
+}
+
 void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
   const int count = static_cast<int>(map->keyframes.size());
   window_poses_.clear();
@@ -205,6 +307,7 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   window_points_.clear();
   window_tracks_.clear();
   window_observations_.clear();
+  window_rays_.clear();
   window_sources_.clear();
   window_inliers_.clear();
   window_point_of_track_.resize(map->tracks.size(), -1);
@@ -227,18 +330,29 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
       if (pose < 0) continue;
       const MapKeyFrame& k = map->keyframes[o.keyframe];
       window_observations_.push_back(
-          {pose, window_point_of_track_[t], 0, k.pixels[o.feature].cast<double>()});
+          {pose, window_point_of_track_[t], k.cameras[o.feature], k.pixels[o.feature].cast<double>()});
+      if (rig_.angular()) window_rays_.push_back(k.rays[o.feature]);
       window_sources_.push_back(o);
       window_inliers_.push_back(k.inliers[o.feature]);
     }
   }
 
-  const BundleProblem problem{rig_.cameras, window_poses_,        window_free_,   window_points_,
-                              {},           window_observations_, window_inliers_};
+  BundleProblem problem{.cameras = rig_.cameras(),
+                        .rig_from_world = window_poses_,
+                        .pose_is_free = window_free_,
+                        .points = window_points_,
+                        .point_is_fixed = {},
+                        .observations = window_observations_,
+                        .is_inlier = window_inliers_,
+                        .rays = window_rays_,
+                        .lenses = {},
+                        .scale_prior = {}};
   const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0},
                               .max_iterations = max_iterations,
                               .min_relative_decrease = kLeastDecrease};
+  hold_scale(*map, &problem);
   adjuster_.adjust_two_stage(problem, options, kInlierError);
+  if (first_free == 0) measure_scale(options, problem, map);
 
   for (int k = first_free; k < count; ++k) {
     map->keyframes[k].rig_from_world = window_poses_[window_pose_of_keyframe_[k]];

@@ -6,6 +6,7 @@
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/triangulation.h"
+#include "raysfm/odometry/across_matcher.h"
 #include "raysfm/odometry/guided_matcher.h"
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/options.h"
@@ -16,15 +17,20 @@ namespace raysfm {
 // Grows a map by key frames (LBA09 2.4 and 2.5). Owns scratch memory.
 class Mapper {
  public:
-  Mapper(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+  Mapper(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Makes a posed frame the newest key frame: takes over its matches, follows the tracks that have no
   // position yet, triangulates, starts new tracks at the remaining corners, adjusts the end of the map.
   void add_keyframe(const ViewPtr& view, const Localisation& pose, Map* map,
                     std::vector<KeyFrameView>* views);
 
-  // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines.
+  // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines,
+  // each in its own camera.
   void follow_tracks(int from, int to, const View& view, Map* map, std::span<const KeyFrameView> views);
+
+  // The tail end of a key frame whose matches are in the map: starts tracks at the remaining corners, finds
+  // tracks without a position in the other cameras of the same instant, and appends its view.
+  void complete_keyframe(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
 
   // Triangulates the tracks of a key frame that have no position, where parallax and reprojection allow.
   void triangulate_tracks(int keyframe, Map* map);
@@ -44,13 +50,20 @@ class Mapper {
     Eigen::Vector3d point;
   };
 
+  void follow_in(int camera, int from, int to, const View& view, Map* map,
+                 std::span<const KeyFrameView> views);
+  bool join_across(int keyframe, const AcrossMatch& match, Map* map);
   bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
   void choose_window(const Map& map, int first_observed);
+  void hold_scale(const Map& map, BundleProblem* problem) const;
+  void measure_scale(const BundleOptions& options, BundleProblem problem, Map* map);
   void adjust(Map* map, int first_observed, int first_free, int max_iterations);
 
-  const Rig& rig_;
+  const TrackingRig& rig_;
   const OdometryOptions& options_;
   GuidedMatcher matcher_;
+  AcrossMatcher across_;
+  std::vector<AcrossMatch> across_matches_;
   BundleAdjuster adjuster_;
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> matches_;
@@ -67,13 +80,23 @@ class Mapper {
   std::vector<int> window_tracks_;
   std::vector<int> window_point_of_track_;
   std::vector<BundleObservation> window_observations_;
+  std::vector<ObservedRay> window_rays_;
   std::vector<TrackObservation> window_sources_;
   std::vector<uint8_t> window_inliers_;
 };
 
 constexpr float kTrackSpacing = 4.0f;  // pixels between the features of a key frame
 
+// Makes a pixel of a key frame's camera an observation of a track. False, changing nothing, where residuals
+// are angular and the pixel has no ray.
+bool observe(const TrackingRig& rig, int track, int keyframe, int camera, const Eigen::Vector2f& pixel,
+             Map* map);
+
+// Moves observation `feature` of a key frame; false, changing nothing, as above.
+bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel,
+                      MapKeyFrame* keyframe);
+
 // Starts a new track at every corner that is at least `spacing` pixels from the features of the key frame.
-void start_tracks(const View& view, float spacing, int keyframe, Map* map);
+void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map);
 
 }  // namespace raysfm

@@ -25,12 +25,12 @@ bool same(const Rigid3& a, const Rigid3& b) {
 
 Eigen::Vector3d camera_center(const TrueMap& world, int keyframe) {
   const Rigid3 world_from_rig = world.map.keyframes[keyframe].rig_from_world.inverse();
-  return world_from_rig * world.rig.cameras[0].rig_from_cam.translation;
+  return world_from_rig * world.rig.camera(0).rig_from_cam.translation;
 }
 
 // Where a key frame should have seen a track, minus where it did.
 double reprojection_error(const TrueMap& world, const TrackObservation& o, const Eigen::Vector3d& position) {
-  const Camera& camera = world.rig.cameras[0];
+  const Camera& camera = world.rig.camera(0);
   const MapKeyFrame& k = world.map.keyframes[o.keyframe];
   Eigen::Vector2d pixel;
   if (!camera.project(camera.rig_from_cam.inverse() * (k.rig_from_world * position), &pixel)) return 1e9;
@@ -46,16 +46,16 @@ class KeyFrameTest : public testing::Test {
     view_ = film(world_, camera(), pose, 2);
     Localiser localiser(truth_.rig, options_);
     localisation_ = localiser.localise(truth_.map, truth_.views,
-                                       make_local_map(truth_.map, truth_.views, camera(), 1, 10), *view_,
+                                       make_local_map(truth_.map, truth_.views, truth_.rig, 1, 10), *view_,
                                        pose, {10, 300});
   }
   TrueMap sparse_map() const {
     TrueMap truth = true_map(world_, 2, 3);
-    start_tracks(*truth.views[1].view, kTrackSpacing, 1, &truth.map);
-    truth.views[1] = make_keyframe_view(truth.views[1].view, truth.map.keyframes[1], truth.rig.cameras[0]);
+    start_tracks(truth.rig, *truth.views[1].view, kTrackSpacing, 1, &truth.map);
+    truth.views[1] = make_keyframe_view(truth.views[1].view, truth.map.keyframes[1], truth.rig);
     return truth;
   }
-  const Camera& camera() const { return truth_.rig.cameras[0]; }
+  const Camera& camera() const { return truth_.rig.camera(0); }
 
   PanelWorld world_{7};
   TrueMap truth_ = sparse_map();
@@ -118,7 +118,7 @@ TEST_F(KeyFrameTest, TakesOverTheMatchesAndStartsTracksAtTheOtherCorners) {
 
   FeatureGrid grid;
   grid.build(added.pixels, camera().width, camera().height);
-  for (const Eigen::Vector2f& corner : view_->features.pixels) {
+  for (const Eigen::Vector2f& corner : view_->cameras[0].features.pixels) {
     int near = 0;
     grid.for_each_in(corner, kTrackSpacing, [&](int) { ++near; });
     EXPECT_GE(near, 1) << "a corner without a track at " << corner.transpose();
@@ -267,7 +267,7 @@ TEST_F(AdjustTest, GloballyExactPixelsLeadBackToTheTruth) {
   EXPECT_TRUE(same(found[0], first));
   Eigen::Matrix3Xd found_centers(3, 10), true_centers(3, 10);
   for (int k = 0; k < 10; ++k) {
-    const Eigen::Vector3d& offset = truth_.rig.cameras[0].rig_from_cam.translation;
+    const Eigen::Vector3d& offset = truth_.rig.camera(0).rig_from_cam.translation;
     found_centers.col(k) = found[k].inverse() * offset;
     true_centers.col(k) = truth[k].inverse() * offset;
     EXPECT_LT(degrees_between(found[k].rotation, truth[k].rotation), 0.02) << k;
@@ -321,18 +321,18 @@ TEST_F(AdjustTest, APositionThatNoTwoViewsSupportIsGivenUp) {
 
 TEST(StartTracks, KeepTheirDistanceFromWhatIsThere) {
   const ViewPtr view = film(PanelWorld(7), testing_support::small_camera(), Rigid3{}, 0);
-  ASSERT_GT(view->features.size(), 200);
+  ASSERT_GT(view->cameras[0].features.size(), 200);
   Map map;
   map.keyframes.emplace_back();
   map.tracks.emplace_back();
-  map.observe(0, 0, map.keyframes[0].add({160, 120}, 0));
-  start_tracks(*view, 30, 0, &map);
+  map.observe(0, 0, map.keyframes[0].add(0, {160, 120}, 0));
+  start_tracks(TrackingRig(Rig{{testing_support::small_camera()}}), *view, 30, 0, &map);
   int near = 0;
-  for (const Eigen::Vector2f& corner : view->features.pixels) {
+  for (const Eigen::Vector2f& corner : view->cameras[0].features.pixels) {
     near += (corner - Eigen::Vector2f(160, 120)).norm() < 30;
   }
   ASSERT_GT(near, 5);
-  EXPECT_EQ(map.keyframes[0].size(), 1 + view->features.size() - near);
+  EXPECT_EQ(map.keyframes[0].size(), 1 + view->cameras[0].features.size() - near);
   EXPECT_EQ(map.tracks.size(), map.keyframes[0].tracks.size());
   for (size_t t = 1; t < map.tracks.size(); ++t) {
     EXPECT_FALSE(map.tracks[t].triangulated);

@@ -28,7 +28,7 @@ constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
-  return {effort.radius_share * static_cast<float>(view.image.width()), effort.coarse_points};
+  return {effort.radius_share * static_cast<float>(view.cameras[0].image.width()), effort.coarse_points};
 }
 
 // Older key frames may show what is hidden now; what the anchor saw a moment ago must be there still.
@@ -59,7 +59,7 @@ Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
   for (int f = 0; f < keyframe.size(); ++f) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
-    pose.matches.push_back({track, true, keyframe.pixels[f]});
+    pose.matches.push_back({track, keyframe.cameras[f], true, keyframe.pixels[f]});
   }
   return pose;
 }
@@ -72,8 +72,8 @@ Rigid3 interpolate(const Rigid3& a, const Rigid3& b, double part) {
 }  // namespace
 
 Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events)
-    : rig_(std::move(rig)),
-      options_(options),
+    : options_(options),
+      rig_(std::move(rig), options.error),
       events_(std::move(events)),
       localiser_(rig_, options_),
       mapper_(rig_, options_) {
@@ -140,7 +140,7 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
 }
 
 void Odometry::set_anchor(int keyframe) {
-  local_ = make_local_map(segment().map, segment().views, rig_.cameras[0], keyframe, kReach);
+  local_ = make_local_map(segment().map, segment().views, rig_, keyframe, kReach);
   std::vector<double> distances;
   for (const LocalPoint& p : local_.points) {
     if (p.in_anchor)
@@ -155,9 +155,9 @@ void Odometry::set_anchor(int keyframe) {
 bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure,
                          Rigid3* rig_from_world) {
   const Map& map = segment().map;
-  const Localisation pose = localiser_.localise(
-      map, segment().views, make_local_map(map, segment().views, rig_.cameras[0], keyframe, kReach), view,
-      predicted, range_of(sure ? kNear : kWide, view));
+  const Localisation pose =
+      localiser_.localise(map, segment().views, make_local_map(map, segment().views, rig_, keyframe, kReach),
+                          view, predicted, range_of(sure ? kNear : kWide, view));
   if (!believable(pose)) {
     frames_[view.frame].reason =
         fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
@@ -208,8 +208,8 @@ void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_
 
 // Rotation of the rig since the previous view as the motion of the whole image tells it.
 Rigid3 Odometry::turned(const View& view) const {
-  const CoarseMotion motion = coarse_motion(*previous_->view, view);
-  const Camera& camera = rig_.cameras[0];
+  const CoarseMotion motion = coarse_motion(previous_->view->cameras[0], view.cameras[0]);
+  const Camera& camera = rig_.camera(0);
   const Eigen::Vector2d center(0.5 * (camera.width - 1), 0.5 * (camera.height - 1));
   Ray before, after;
   if (!camera.ray(center, &before) || !camera.ray(center + motion.shift.cast<double>(), &after)) return {};
@@ -313,7 +313,7 @@ void Odometry::record(const View& view, const Localisation& pose, int keyframe) 
   frame.covariance = pose.covariance;
   frame.reason.clear();
   frame.matches.clear();
-  for (const PointMatch& m : pose.matches) frame.matches.push_back({m.track, m.pixel});
+  for (const PointMatch& m : pose.matches) frame.matches.push_back({m.track, m.camera, m.pixel});
 }
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the
@@ -360,7 +360,7 @@ bool Odometry::relocalise(const ViewPtr& view) {
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
   for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
-    const LocalMap local = make_local_map(map, segment().views, rig_.cameras[0], k, 0);
+    const LocalMap local = make_local_map(map, segment().views, rig_, k, 0);
     Localisation pose = localiser_.localise(map, segment().views, local, *view,
                                             map.keyframes[k].rig_from_world, range_of(kBlind, *view));
     if (!convincing(pose)) continue;
@@ -400,7 +400,8 @@ Reconstruction Odometry::finish(bool final_global) {
 
 Reconstruction Odometry::assemble() {
   Reconstruction out;
-  out.rig = rig_;
+  out.rig = rig_.rig();
+  out.metric_scale = !segments_.empty();
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();
     frame.timestamp = f.timestamp;
@@ -413,11 +414,10 @@ Reconstruction Odometry::assemble() {
     frame.world_from_rig = rig_from_world.inverse();
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);
   }
-  const Camera& camera = rig_.cameras[0];
-  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
   double squares = 0;
   for (size_t s = 0; s < segments_.size(); ++s) {
     const Map& map = segments_[s].map;
+    out.metric_scale &= map.scale_measured;
     std::vector<int> point_of_track(map.tracks.size(), -1);
     for (size_t t = 0; t < map.tracks.size(); ++t) {
       if (!map.tracks[t].triangulated) continue;
@@ -430,11 +430,12 @@ Reconstruction Odometry::assemble() {
         const int track = k.tracks[f];
         Eigen::Vector2d predicted;
         if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
-        if (!camera.project(cam_from_rig * (k.rig_from_world * map.tracks[track].position), &predicted))
-          continue;
+        const int camera = k.cameras[f];
+        const Eigen::Vector3d point = k.rig_from_world * map.tracks[track].position;
+        if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
         const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
         squares += (predicted - pixel).squaredNorm();
-        out.observations.push_back({point_of_track[track], 0, pixel});
+        out.observations.push_back({point_of_track[track], camera, pixel});
       }
       keyframe.last_observation = static_cast<int>(out.observations.size());
       out.keyframes.push_back(keyframe);

@@ -18,7 +18,7 @@ struct OdometryTimings {
   StageTiming detect, start, match, pose, align, keyframe, adjust, frame;
 };
 
-// Trajectory and map of a calibrated camera from its views in time order (LBA09 2.7):
+// Trajectory and map of a calibrated rig from its views in time order (LBA09 2.7):
 //   1. three views start a map;
 //   2. each further view is matched with the map and posed;
 //   3. when too little is matched or the pose is too uncertain, the view before becomes a key frame: new
@@ -27,7 +27,7 @@ struct OdometryTimings {
 // Where track is lost, recent key frames are searched for again while a new segment tries to start.
 class Odometry {
  public:
-  // `rig` holds one camera. Valid options.
+  // Valid options; the views hold an image of each camera of the rig.
   Odometry(Rig rig, const OdometryOptions& options, EventSink events);
 
   void process(ViewPtr view);
@@ -36,6 +36,7 @@ class Odometry {
   Reconstruction finish(bool final_global);
 
   OdometryTimings timings() const;
+  const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
   int frames() const { return static_cast<int>(frames_.size()); }
 
@@ -89,8 +90,8 @@ class Odometry {
   Reconstruction assemble();
   void tell(Event::Level level, std::string message) const;
 
-  Rig rig_;
   OdometryOptions options_;
+  TrackingRig rig_;
   EventSink events_;
   Localiser localiser_;
   Mapper mapper_;

@@ -3,8 +3,17 @@
 #include <cstdint>
 
 #include "raysfm/core/result.h"
+#include "raysfm/robust/generic_start.h"
 
 namespace raysfm {
+
+// What is minimised: the difference of pixels, or the angle between rays (LBA09 3.2), which every camera has.
+enum class ErrorMeasure : uint8_t {
+  kAuto,  // pixels where all cameras of the rig can project, else angles
+  kPixel,
+  kAngular,       // angles, each weighted to what it is in pixels where it was observed
+  kAngularPlain,  // angles as they are, as in the paper
+};
 
 // Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
 struct OdometryOptions {
@@ -14,6 +23,8 @@ struct OdometryOptions {
   int global_until = 20;   // N_f, key frames up to which everything is refined; >= 3
   int min_matches = 400;   // M of 2.2 and 2.4; scaled down where images have fewer corners; >= 30
   int min_matches3 = 300;  // M' of 2.2
+  ErrorMeasure error = ErrorMeasure::kAuto;
+  GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   uint64_t seed = 0;
 };
 

@@ -28,15 +28,15 @@ int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
 
 }  // namespace
 
-PairTracker::PairTracker(ViewPtr base) : base_(std::move(base)), newest_(base_) {
-  const size_t count = base_->features.pixels.size();
-  place_ = base_->features.pixels;
+PairTracker::PairTracker(ViewPtr base, int camera) : base_(std::move(base)), newest_(base_), camera_(camera) {
+  place_ = this->base().features.pixels;
+  const size_t count = place_.size();
   velocity_.assign(count, Eigen::Vector2f::Zero());
   missed_.assign(count, 0);
 }
 
 // Where each corner should be: by its own motion, or by that of the image as a whole.
-void PairTracker::predict(const View& next, const CoarseMotion* image_motion) {
+void PairTracker::predict(const CameraView& next, const CoarseMotion* image_motion) {
   const int width = next.image.width(), height = next.image.height();
   predicted_.resize(place_.size());
   radius_.resize(place_.size());
@@ -49,29 +49,31 @@ void PairTracker::predict(const View& next, const CoarseMotion* image_motion) {
   }
 }
 
-void PairTracker::match(const View& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found) {
+void PairTracker::match(const CameraView& next, const CoarseMotion* image_motion,
+                        std::vector<ZnccMatch>* found) {
   predict(next, image_motion);
-  matcher_.match(base_->patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
+  matcher_.match(base().patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
                  {.min_zncc = kMinZncc}, found);
 }
 
 int PairTracker::advance(ViewPtr next) {
   const size_t expected = views() > 0 ? found_.size() : place_.size();
-  match(*next, nullptr, &found_);
+  const CameraView& view = next->cameras[camera_];
+  match(view, nullptr, &found_);
   // A camera that turns fast leaves every region of interest. Repeating texture can mislead the motion of the
   // whole image, so it must find more than the corners' own motion does.
   if (found_.size() < kTurnedShare * static_cast<float>(expected)) {
-    const CoarseMotion motion = coarse_motion(*newest_, *next);
-    if (motion.zncc > kMinCoarseZncc) match(*next, &motion, &found_by_image_);
+    const CoarseMotion motion = coarse_motion(newest_->cameras[camera_], view);
+    if (motion.zncc > kMinCoarseZncc) match(view, &motion, &found_by_image_);
     if (found_by_image_.size() > found_.size()) found_.swap(found_by_image_);
     found_by_image_.clear();
   }
-  update(*next);
+  update(view);
   newest_ = std::move(next);
   return static_cast<int>(found_.size());
 }
 
-void PairTracker::update(const View& next) {
+void PairTracker::update(const CameraView& next) {
   std::vector<int>& matches = matches_.emplace_back(place_.size(), -1);
   for (const ZnccMatch& m : found_) matches[m.query] = m.train;
 
@@ -88,7 +90,7 @@ void PairTracker::update(const View& next) {
     dv[cell].push_back(step.y());
     all_du.push_back(step.x());
     all_dv.push_back(step.y());
-    displacement.push_back((pixel - base_->features.pixels[i]).norm());
+    displacement.push_back((pixel - base().features.pixels[i]).norm());
   }
   const Eigen::Vector2f overall(median(all_du), median(all_dv));
   Eigen::Vector2f motion[kColumns * kRows];

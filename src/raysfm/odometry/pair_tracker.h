@@ -7,18 +7,18 @@
 
 namespace raysfm {
 
-// Follows the corners of one view through the views after it, before any geometry is known (LBA09 2.1): each
-// is looked for where its own motion, or else that of its neighbours or of the image as a whole, leads. A
-// corner that was missed in several views in a row is given up: what would be matched to it later is mostly
-// something else.
+// Follows the corners of one camera of a view through the views after it, before any geometry is known
+// (LBA09 2.1): each is looked for where its own motion, or else that of its neighbours or of the image as a
+// whole, leads. A corner that was missed in several views in a row is given up: what would be matched to it
+// later is mostly something else.
 class PairTracker {
  public:
-  explicit PairTracker(ViewPtr base);
+  PairTracker(ViewPtr base, int camera);
 
   // Matches the base with the view that follows those seen so far; returns the number of corners matched.
   int advance(ViewPtr next);
 
-  const View& base() const { return *base_; }
+  const CameraView& base() const { return base_->cameras[camera_]; }
   int views() const { return static_cast<int>(matches_.size()); }
   // Feature of the k-th view after the base for each feature of the base, -1 where there is none.
   const std::vector<int>& matches(int k) const { return matches_[k]; }
@@ -26,11 +26,12 @@ class PairTracker {
   float median_displacement() const { return median_displacement_; }
 
  private:
-  void predict(const View& next, const CoarseMotion* image_motion);
-  void match(const View& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found);
-  void update(const View& next);
+  void predict(const CameraView& next, const CoarseMotion* image_motion);
+  void match(const CameraView& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found);
+  void update(const CameraView& next);
 
   ViewPtr base_, newest_;
+  int camera_;
   ZnccMatcher matcher_;
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature

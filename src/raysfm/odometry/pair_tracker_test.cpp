@@ -11,7 +11,8 @@ namespace {
 ViewPtr shifted_view(int frame, double du, double dv) {
   auto view = std::make_shared<View>();
   view->frame = frame;
-  view->image = GrayImage(320, 240);
+  view->cameras.resize(1);
+  view->cameras[0].image = GrayImage(320, 240);
   for (int y = 0; y < 240; ++y) {
     for (int x = 0; x < 320; ++x) {
       const double u = x - du, v = y - dv;
@@ -20,16 +21,16 @@ ViewPtr shifted_view(int frame, double du, double dv) {
         sum += std::sin(0.09 * k * u + 1.7 * k * k) * std::cos(0.083 * k * v + 0.9 * k) / std::sqrt(k);
         sum += 0.6 * std::sin(0.061 * k * (u + v) + 2.3 * k * k);
       }
-      view->image.row(y)[x] = static_cast<uint8_t>(std::clamp(128.0 + 22.0 * sum, 0.0, 255.0));
+      view->cameras[0].image.row(y)[x] = static_cast<uint8_t>(std::clamp(128.0 + 22.0 * sum, 0.0, 255.0));
     }
   }
   HarrisDetector detector;
-  detect(detector, HarrisOptions{.max_features = 300}, view.get());
+  detect(detector, HarrisOptions{.max_features = 300}, &view->cameras[0]);
   return view;
 }
 
 TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
-  PairTracker tracker(shifted_view(0, 0, 0));
+  PairTracker tracker(shifted_view(0, 0, 0), 0);
   double shift = 0;
   for (int k = 1; k <= 6; ++k) {
     shift += 3.0 * k;  // 63 pixels in the end, three times the radius of the first search
@@ -42,7 +43,7 @@ TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
       if (m < 0) continue;
       const Eigen::Vector2f expected =
           tracker.base().features.pixels[f] + Eigen::Vector2f(float(shift), float(0.2 * shift));
-      right += (view->features.pixels[m] - expected).norm() < 1.5f;
+      right += (view->cameras[0].features.pixels[m] - expected).norm() < 1.5f;
     }
     EXPECT_GT(right, 0.9 * matched) << k;
     EXPECT_NEAR(tracker.median_displacement(), std::hypot(shift, 0.2 * shift), 0.5);
@@ -50,19 +51,20 @@ TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
 }
 
 TEST(PairTracker, AStillCameraHasNoDisplacement) {
-  PairTracker tracker(shifted_view(0, 0, 0));
+  PairTracker tracker(shifted_view(0, 0, 0), 0);
   tracker.advance(shifted_view(1, 0, 0));
   EXPECT_LT(tracker.median_displacement(), 0.01f);
 }
 
 TEST(PairTracker, AnEmptyViewMatchesNothing) {
-  PairTracker tracker(shifted_view(0, 0, 0));
+  PairTracker tracker(shifted_view(0, 0, 0), 0);
   auto black = std::make_shared<View>();
-  black->image = GrayImage(320, 240);
-  for (int y = 0; y < 240; ++y) std::fill_n(black->image.row(y), 320, uint8_t{0});
+  black->cameras.resize(1);
+  black->cameras[0].image = GrayImage(320, 240);
+  for (int y = 0; y < 240; ++y) std::fill_n(black->cameras[0].image.row(y), 320, uint8_t{0});
   HarrisDetector detector;
-  detect(detector, HarrisOptions{}, black.get());
-  EXPECT_EQ(black->features.size(), 0);
+  detect(detector, HarrisOptions{}, &black->cameras[0]);
+  EXPECT_EQ(black->cameras[0].features.size(), 0);
   EXPECT_EQ(tracker.advance(black), 0);
 }
 

@@ -39,8 +39,9 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
     auto view = std::make_shared<View>();
     view->frame = i;
     view->timestamp = (*frame)->timestamp;
-    view->image = std::move((*frame)->gray);
-    detect(detector, {}, view.get());
+    view->cameras.resize(1);
+    view->cameras[0].image = std::move((*frame)->gray);
+    detect(detector, {}, &view->cameras[0]);
     odometry.process(view);
   }
   const Reconstruction r = odometry.finish(false);

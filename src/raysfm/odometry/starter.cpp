@@ -16,6 +16,31 @@ constexpr double kMinInlierRatio = 0.55;
 constexpr double kMinSignificance = 28;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
+// While the scale of a rig cannot be told, it is worth waiting for a turn for so many views.
+constexpr int kPatienceForScale = 100;
+
+std::vector<PairTracker> trackers_from(const ViewPtr& view) {
+  std::vector<PairTracker> trackers;
+  for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) trackers.emplace_back(view, c);
+  return trackers;
+}
+
+const char* name_of(GenericStartMethod method) {
+  switch (method) {
+    case GenericStartMethod::kAuto:
+      break;
+    case GenericStartMethod::kCentral:
+      return "five-point";
+    case GenericStartMethod::kStereoPoints:
+      return "stereo-points";
+    case GenericStartMethod::kFivePoints:
+      return "five-point-rig";
+    case GenericStartMethod::kSeventeenPoint:
+      return "pless";
+  }
+  return "auto";
+}
+
 }  // namespace
 
 // Of many attempts the one with most matches says most about why none succeeded.
@@ -28,7 +53,8 @@ void Starter::fail(int matches, std::string reason) {
 
 // M and M' of the paper stand for 1500 corners; images with fewer ask for less.
 int Starter::enough(int wanted) const {
-  const int corners = from_first_->base().features.size();
+  int corners = 0;
+  for (const PairTracker& tracker : from_first_) corners += tracker.base().features.size();
   return std::max(kMinInliers, std::min(wanted, static_cast<int>(kMinFeatureShare * corners * wanted / 400)));
 }
 
@@ -36,8 +62,15 @@ void Starter::restart(int first) {
   first_ = first;
   second_ = -1;
   next_ = first + 1;
-  from_first_.emplace(views_[first]);
-  from_second_.reset();
+  from_first_ = trackers_from(views_[first]);
+  from_second_.clear();
+}
+
+// Matches in all cameras.
+int Starter::advance(std::vector<PairTracker>& trackers, const ViewPtr& view) {
+  int matches = 0;
+  for (PairTracker& tracker : trackers) matches += tracker.advance(view);
+  return matches;
 }
 
 std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
@@ -52,20 +85,20 @@ std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
 std::optional<Start> Starter::step(Mapper& mapper) {
   const int current = next_++;
   const ViewPtr& view = views_[current];
-  const int with_first = from_first_->advance(view);
+  const int with_first = advance(from_first_, view);
   if (second_ < 0) {
     if (with_first >= enough(options_.min_matches)) return std::nullopt;
     second_ = std::max(current - 1, first_ + 1);
-    from_second_.emplace(views_[second_]);
+    from_second_ = trackers_from(views_[second_]);
     if (second_ == current) return std::nullopt;
   }
-  const int with_second = from_second_->advance(view);
+  const int with_second = advance(from_second_, view);
   if (with_second >= enough(options_.min_matches) && with_first >= enough(options_.min_matches3))
     return std::nullopt;
 
   const int third = std::max(current - 1, second_ + 1);
   if (third > current) return std::nullopt;
-  auto start = attempt(second_, third, mapper);
+  auto start = attempt(second_, third, false, mapper);
   if (!start) restart(second_);
   return start;
 }
@@ -77,148 +110,197 @@ std::optional<Start> Starter::finish(Mapper& mapper) {
     return std::nullopt;
   }
   const int second = second_ > first_ && second_ < last ? second_ : (first_ + last) / 2;
-  return attempt(second, last, mapper);
+  return attempt(second, last, true, mapper);
 }
 
-std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
-  ++attempts_;
-  const Camera& camera = rig_.cameras[0];
-  const View* views[3] = {views_[first_].get(), views_[second].get(), views_[third].get()};
-  const std::vector<int>* matches[2] = {&from_first_->matches(second - first_ - 1),
-                                        &from_first_->matches(third - first_ - 1)};
-  std::vector<int> tracked;
-  std::vector<Eigen::Vector3d> bearings[3];
-  for (int f = 0; f < views[0]->features.size(); ++f) {
-    const int features[3] = {f, (*matches[0])[f], (*matches[1])[f]};
-    if (features[1] < 0 || features[2] < 0) continue;
-    Ray rays[3];
-    bool ok = true;
-    for (int v = 0; v < 3 && ok; ++v) {
-      ok = camera.ray(views[v]->features.pixels[features[v]].cast<double>(), &rays[v]);
+std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& views) const {
+  std::vector<Match> matches;
+  for (int c = 0; c < rig_.size(); ++c) {
+    const std::vector<int>& second = from_first_[c].matches(views[1] - first_ - 1);
+    const std::vector<int>& third = from_first_[c].matches(views[2] - first_ - 1);
+    for (int f = 0; f < from_first_[c].base().features.size(); ++f) {
+      if (second[f] < 0 || third[f] < 0) continue;
+      const int features[3] = {f, second[f], third[f]};
+      Match match{c, f, {}, {}};
+      for (int v = 0; v < 3; ++v) match.pixels[v] = views_[views[v]]->cameras[c].features.pixels[features[v]];
+      matches.push_back(std::move(match));
     }
-    if (!ok) continue;
-    for (int v = 0; v < 3; ++v) bearings[v].push_back(rays[v].direction);
-    tracked.push_back(f);
   }
-  ThreeViewOptions options;
-  options.max_error = kCornerError / camera.pixels_per_radian();
+  return matches;
+}
+
+void Starter::find_across(const ViewPtr& first, std::vector<Match>* matches) {
+  if (rig_.common_views().empty()) return;
+  MapKeyFrame features;
+  std::vector<int> all;
+  for (const Match& m : *matches) all.push_back(features.add(m.camera, m.pixels[0], -1));
+  std::vector<AcrossMatch> across;
+  across_.match(rig_, make_keyframe_view(first, features, rig_), all, &across);
+  for (const AcrossMatch& m : across) (*matches)[m.feature].across.push_back(m);
+}
+
+GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
+  std::vector<ObservedRay> rays;
+  std::vector<int> points, views, cameras;
+  const auto add = [&](int point, int view, int camera, const Eigen::Vector2f& pixel) {
+    ObservedRay ray;
+    if (!rig_.observe(camera, pixel, &ray)) return;
+    rays.push_back(ray);
+    points.push_back(point);
+    views.push_back(view);
+    cameras.push_back(camera);
+  };
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const int point = static_cast<int>(i);
+    for (int v = 0; v < 3; ++v) add(point, v, matches[i].camera, matches[i].pixels[v]);
+    for (const AcrossMatch& m : matches[i].across) add(point, 0, m.camera, m.pixel);
+  }
+  GenericStartOptions options;
+  options.method = options_.start;
+  options.max_error = kCornerError;
   options.min_inliers = kMinInliers;
   options.min_inlier_ratio = kMinInlierRatio;
   options.seed = options_.seed;
-  options.stream = static_cast<uint64_t>(views[0]->frame);
-  const ThreeViewStart geometry = start_from_three_views(bearings[0], bearings[1], bearings[2], options);
-  if (!geometry.ok()) {
-    fail(static_cast<int>(tracked.size()), fmt::format("frames {}, {}, {}: {}", views[0]->frame,
-                                                       views[1]->frame, views[2]->frame, describe(geometry)));
-    return std::nullopt;
-  }
-  const double significance = geometry.median_parallax / std::max(geometry.rms_error, 1e-9);
-  if (significance < kMinSignificance) {
-    fail(static_cast<int>(tracked.size()),
-         fmt::format("frames {}, {}, {}: too little translation: the parallax is only {:.0f} times the error",
-                     views[0]->frame, views[1]->frame, views[2]->frame, significance));
-    return std::nullopt;
-  }
-  return build(second, third, tracked, geometry, mapper);
+  options.stream = stream;
+  return start_generic({static_cast<int>(matches.size()), rays, points, views, cameras}, options);
 }
 
-std::optional<Start> Starter::build(int second, int third, const std::vector<int>& tracked,
-                                    const ThreeViewStart& geometry, Mapper& mapper) {
-  const Camera& camera = rig_.cameras[0];
-  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
-  const int indices[3] = {first_, second, third};
-  const Rigid3 cam_from_world[3] = {cam_from_rig, geometry.cam1_from_cam0 * cam_from_rig,
-                                    geometry.cam2_from_cam0 * cam_from_rig};
+std::optional<Start> Starter::attempt(int second, int third, bool last_chance, Mapper& mapper) {
+  ++attempts_;
+  const std::array<int, 3> views = {first_, second, third};
+  std::vector<Match> matches = find_matches(views);
+  find_across(views_[first_], &matches);
+  const GenericStart geometry = estimate(matches, static_cast<uint64_t>(views_[first_]->frame));
+  const std::string frames =
+      fmt::format("frames {}, {}, {}", views_[first_]->frame, views_[second]->frame, views_[third]->frame);
+  const int count = static_cast<int>(matches.size());
+  if (!geometry.ok()) {
+    fail(count, fmt::format("{}: {}", frames, describe(geometry)));
+    return std::nullopt;
+  }
+  const double error = geometry.rms_error / rig_.pixels_per_radian();
+  const double significance = geometry.median_parallax / std::max(error, 1e-9);
+  if (significance < kMinSignificance) {
+    fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error", frames,
+                            significance));
+    return std::nullopt;
+  }
+  const bool may_wait = !last_chance && static_cast<int>(views_.size()) < kPatienceForScale;
+  if (rig_.size() > 1 && !geometry.scale_known && may_wait) {
+    fail(count,
+         fmt::format("{}: the scale cannot be told: no turn, and no common view of the cameras", frames));
+    return std::nullopt;
+  }
+  return build(views, matches, geometry, mapper);
+}
+
+std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::vector<Match>& matches,
+                                    const GenericStart& geometry, Mapper& mapper) {
   Start start;
+  start.first_view = first_;
   Map& map = start.map;
-  std::vector<int> corner_of_track;  // feature of the first view
+  map.scale_measured = geometry.scale_known;
+  const Rigid3 rig_from_world[3] = {Rigid3{}, geometry.rig1_from_rig0, geometry.rig2_from_rig0};
   for (int v = 0; v < 3; ++v) {
     map.keyframes.emplace_back();
-    map.keyframes[v].frame = views_[indices[v]]->frame;
-    map.keyframes[v].rig_from_world = camera.rig_from_cam * cam_from_world[v];
+    map.keyframes[v].frame = views_[views[v]]->frame;
+    map.keyframes[v].rig_from_world = rig_from_world[v];
   }
-  for (size_t i = 0; i < tracked.size(); ++i) {
+  if (!geometry.scale_known) {
+    map.guessed_keyframe = 2;
+    map.guessed_distance = geometry.rig2_from_rig0.inverse().translation.norm();
+  }
+  std::vector<Match> match_of_track;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const Match& m = matches[i];
     if (!geometry.inlier[i]) continue;
     const int track = static_cast<int>(map.tracks.size());
-    corner_of_track.push_back(tracked[i]);
-    map.tracks.push_back({camera.rig_from_cam * geometry.points_in_cam0[i], true, {}, {}});
-    map.tracks.back().rgb = color_at(*views_[first_], views_[first_]->features.pixels[tracked[i]]);
+    map.tracks.push_back({geometry.points_in_rig0[i], true, {}, {}});
+    map.tracks.back().rgb = color_at(views_[first_]->cameras[m.camera], m.pixels[0]);
+    match_of_track.push_back(m);
     for (int v = 0; v < 3; ++v) {
-      const int feature = v == 0 ? tracked[i] : from_first_->matches(indices[v] - first_ - 1)[tracked[i]];
-      map.observe(track, v, map.keyframes[v].add(views_[indices[v]]->features.pixels[feature], track));
+      observe(rig_, track, v, m.camera, m.pixels[v], &map);
+      if (v > 0) continue;
+      for (const AcrossMatch& a : m.across) observe(rig_, track, 0, a.camera, a.pixel, &map);
     }
   }
   for (int v = 0; v < 3; ++v)
-    start.views.push_back(make_keyframe_view(views_[indices[v]], map.keyframes[v], camera));
+    start.views.push_back(make_keyframe_view(views_[views[v]], map.keyframes[v], rig_));
   refine_pixels(&start);
   mapper.adjust_globally(&map);
   const int points = static_cast<int>(
       std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
+  const std::vector<int> frames = {map.keyframes[0].frame, map.keyframes[1].frame, map.keyframes[2].frame};
   if (points < kMinInliers) {
-    fail(static_cast<int>(tracked.size()),
-         fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", map.keyframes[0].frame,
-                     map.keyframes[1].frame, map.keyframes[2].frame, points, map.tracks.size()));
+    fail(static_cast<int>(matches.size()),
+         fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", frames[0], frames[1],
+                     frames[2], points, map.tracks.size()));
     return std::nullopt;
   }
-  start.first_view = first_;
-  for (int k = 0; k < from_first_->views(); ++k) {
-    std::vector<TrackPixel>& seen = start.seen.emplace_back();
-    const std::vector<int>& matches = from_first_->matches(k);
-    for (size_t t = 0; t < map.tracks.size(); ++t) {
-      const int match = map.tracks[t].triangulated ? matches[corner_of_track[t]] : -1;
-      if (match < 0) continue;
-      seen.push_back({static_cast<int>(t), views_[first_ + 1 + k]->features.pixels[match]});
-    }
-  }
-  add_points(indices, &start, mapper);
-  start.summary = {
-      "five-point", {map.keyframes[0].frame, map.keyframes[1].frame, map.keyframes[2].frame}, points};
+  collect_seen(match_of_track, &start);
+  add_points(views, &start, mapper);
+  start.summary = {name_of(geometry.method), frames, points};
   return start;
 }
 
+void Starter::collect_seen(const std::vector<Match>& match_of_track, Start* start) const {
+  for (int k = 0; k < from_first_[0].views(); ++k) {
+    std::vector<TrackPixel>& seen = start->seen.emplace_back();
+    for (size_t t = 0; t < match_of_track.size(); ++t) {
+      const Match& m = match_of_track[t];
+      const int feature = start->map.tracks[t].triangulated ? from_first_[m.camera].matches(k)[m.corner] : -1;
+      if (feature < 0) continue;
+      const CameraView& view = views_[first_ + 1 + k]->cameras[m.camera];
+      seen.push_back({static_cast<int>(t), m.camera, view.features.pixels[feature]});
+    }
+  }
+}
+
 // The remaining corners of the three views, matched along their epipolar lines now that these are known.
-void Starter::add_points(const int (&indices)[3], Start* start, Mapper& mapper) {
+void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& mapper) {
   Map& map = start->map;
+  std::vector<KeyFrameView> completed;
   for (int v = 0; v < 3; ++v) {
-    const ViewPtr& view = views_[indices[v]];
+    const ViewPtr& view = views_[views[v]];
     if (v > 0) {
-      mapper.follow_tracks(v - 1, v, *view, &map, start->views);
+      mapper.follow_tracks(v - 1, v, *view, &map, completed);
       mapper.triangulate_tracks(v, &map);
     }
-    start_tracks(*view, kTrackSpacing, v, &map);
-    start->views[v] = make_keyframe_view(view, map.keyframes[v], rig_.cameras[0]);
+    mapper.complete_keyframe(view, v, &map, &completed);
   }
+  start->views = std::move(completed);
   mapper.adjust_globally(&map);
 }
 
 // With the geometry known the patches of the first view can be shaped as the others see them, and the corners
 // replaced by sub-pixel places.
 void Starter::refine_pixels(Start* start) {
-  const Camera& camera = rig_.cameras[0];
-  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
   Map& map = start->map;
-  const Rigid3 world_from_first = map.keyframes[0].rig_from_world.inverse() * camera.rig_from_cam;
   std::vector<PatchQuery> queries;
   std::vector<Eigen::Vector2f> starts;
   std::vector<PatchAlignment> alignments;
   for (int v = 1; v < 3; ++v) {
     MapKeyFrame& keyframe = map.keyframes[v];
-    const Rigid3 target_from_first = cam_from_rig * keyframe.rig_from_world * world_from_first;
     queries.clear();
     starts.clear();
-    for (const Track& track : map.tracks) {
-      const int feature = track.observations[0].feature;
-      PatchQuery query{.keyframe = 0, .feature = feature, .track = map.keyframes[0].tracks[feature]};
+    for (int f = 0; f < keyframe.size(); ++f) {
+      const Track& track = map.tracks[keyframe.tracks[f]];
+      const int camera = keyframe.cameras[f], feature = track.observations[0].feature;
+      const Rigid3 world_from_first =
+          map.keyframes[0].rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
+      const Rigid3 target_from_first = rig_.cam_from_rig(camera) * keyframe.rig_from_world * world_from_first;
+      PatchQuery query{.keyframe = 0, .feature = feature, .track = f};
       const double distance = (track.position - world_from_first.translation).norm();
-      if (!predict_patch(camera, start->views[0], feature, distance, target_from_first, &query)) continue;
+      if (!predict_patch(rig_, start->views[0], feature, distance, camera, target_from_first, &query))
+        continue;
       queries.push_back(query);
-      starts.push_back(keyframe.pixels[track.observations[v].feature]);
+      starts.push_back(keyframe.pixels[f]);
     }
     matcher_.align(start->views, queries, starts, *start->views[v].view, {}, &alignments);
     for (size_t i = 0; i < queries.size(); ++i) {
-      const int feature = map.tracks[queries[i].track].observations[v].feature;
-      if (alignments[i].converged) keyframe.pixels[feature] = alignments[i].pixel;
-      keyframe.inliers[feature] = alignments[i].converged;
+      const int f = queries[i].track;
+      keyframe.inliers[f] =
+          alignments[i].converged && move_observation(rig_, f, alignments[i].pixel, &keyframe);
     }
   }
 }

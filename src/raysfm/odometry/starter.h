@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -9,7 +10,7 @@
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/pair_tracker.h"
-#include "raysfm/robust/three_view_start.h"
+#include "raysfm/robust/generic_start.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
@@ -29,7 +30,7 @@ struct Start {
 // it chose do not do, it says why and goes on with later ones.
 class Starter {
  public:
-  Starter(const Rig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+  Starter(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Every view of the attempt so far, oldest first; those before the first key frame of a start included.
   const std::vector<ViewPtr>& views() const { return views_; }
@@ -47,23 +48,37 @@ class Starter {
 
  private:
   std::optional<Start> step(Mapper& mapper);
-  std::optional<Start> attempt(int second, int third, Mapper& mapper);
-  std::optional<Start> build(int second, int third, const std::vector<int>& tracked,
-                             const ThreeViewStart& geometry, Mapper& mapper);
-  void add_points(const int (&indices)[3], Start* start, Mapper& mapper);
+  std::optional<Start> attempt(int second, int third, bool last_chance, Mapper& mapper);
+  // A corner followed through the three views in one camera, and other cameras that see it in the first.
+  struct Match {
+    int camera = 0;
+    int corner = 0;  // of the first view
+    std::array<Eigen::Vector2f, 3> pixels;
+    std::vector<AcrossMatch> across;
+  };
+  std::vector<Match> find_matches(const std::array<int, 3>& views) const;
+  void find_across(const ViewPtr& first, std::vector<Match>* matches);
+  GenericStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
+  std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,
+                             const GenericStart& geometry, Mapper& mapper);
+  void collect_seen(const std::vector<Match>& match_of_track, Start* start) const;
+  void add_points(const std::array<int, 3>& views, Start* start, Mapper& mapper);
   void refine_pixels(Start* start);
   void restart(int first);
   void fail(int matches, std::string reason);
   int enough(int wanted) const;
 
-  const Rig& rig_;
+  int advance(std::vector<PairTracker>& trackers, const ViewPtr& view);
+
+  const TrackingRig& rig_;
   const OdometryOptions& options_;
   GuidedMatcher matcher_;
+  AcrossMatcher across_;
   std::vector<ViewPtr> views_;
-  int first_ = 0;    // index of I1 in views_
-  int second_ = -1;  // index of I2, -1 while not chosen
-  int next_ = 0;     // first view that the trackers have not seen
-  std::optional<PairTracker> from_first_, from_second_;
+  int first_ = 0;                                      // index of I1 in views_
+  int second_ = -1;                                    // index of I2, -1 while not chosen
+  int next_ = 0;                                       // first view that the trackers have not seen
+  std::vector<PairTracker> from_first_, from_second_;  // one for each camera
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;

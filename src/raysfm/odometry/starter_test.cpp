@@ -47,11 +47,11 @@ class StarterTest : public testing::Test {
     if (!start_) start_ = starter_.finish(mapper_);
   }
   ViewPtr see(const Rigid3& rig_from_world, int frame) const {
-    return film(world_, rig_.cameras[0], rig_from_world, frame);
+    return film(world_, rig_.camera(0), rig_from_world, frame);
   }
 
   PanelWorld world_{kWorld};
-  Rig rig_{{small_camera()}};
+  TrackingRig rig_{Rig{{small_camera()}}};
   OdometryOptions options_;
   Mapper mapper_{rig_, options_};
   Starter starter_{rig_, options_};
@@ -99,7 +99,7 @@ TEST_F(StarterTest, PointsLieOnTheSurfacesInTheScaleOfTheStart) {
     const TrackObservation& o = track.observations[0];
     const Eigen::Vector2d pixel = keyframes[o.keyframe].pixels[o.feature].cast<double>();
     const Rigid3 true_pose = moving(keyframes[o.keyframe].frame);
-    const auto truth = world_.hit(world_ray(rig_.cameras[0], true_pose, pixel));
+    const auto truth = world_.hit(world_ray(rig_.camera(0), true_pose, pixel));
     ASSERT_TRUE(truth);
     const double distance = (true_pose * *truth).norm();
     right += std::abs(metres * (keyframes[o.keyframe].rig_from_world * track.position).norm() - distance) <
@@ -125,9 +125,9 @@ TEST_F(StarterTest, TellsWhatTheViewsBetweenSaw) {
       // Truth of the track by its first pixel; corners are up to about a pixel off.
       const TrackObservation& o = start_->map.tracks[seen.track].observations[0];
       const Eigen::Vector2d pixel = keyframes[o.keyframe].pixels[o.feature].cast<double>();
-      const auto point = world_.hit(world_ray(rig_.cameras[0], moving(keyframes[o.keyframe].frame), pixel));
+      const auto point = world_.hit(world_ray(rig_.camera(0), moving(keyframes[o.keyframe].frame), pixel));
       Eigen::Vector2d expected;
-      right += point && rig_.cameras[0].project(pose * *point, &expected) &&
+      right += point && rig_.camera(0).project(pose * *point, &expected) &&
                (expected - seen.pixel.cast<double>()).norm() < 2.5;
     }
     EXPECT_GT(start_->seen[k].size(), 50u) << k;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "raysfm/camera/observed_ray.h"
 #include "raysfm/geometry/pose.h"
 
 namespace raysfm {
@@ -20,19 +21,22 @@ struct Track {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world; meaningless until triangulated
   bool triangulated = false;
   std::array<uint8_t, 3> rgb = {128, 128, 128};
-  std::vector<TrackObservation> observations;  // ascending key frames, at most one in each
+  std::vector<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
 };
 
-// A key frame of the map; the four arrays run over its features.
+// A key frame of the map; the arrays run over its features.
 struct MapKeyFrame {
   int frame = 0;  // index of the input frame
   Rigid3 rig_from_world;
+  std::vector<int> cameras;             // of the rig, that the feature is seen in
   std::vector<Eigen::Vector2f> pixels;  // sub-pixel positions
   std::vector<int> tracks;              // track seen there
   std::vector<uint8_t> inliers;         // 1 while the observation agrees with its track's position
+  std::vector<ObservedRay> rays;        // where residuals are angular; else empty
 
   int size() const { return static_cast<int>(pixels.size()); }
-  int add(const Eigen::Vector2f& pixel, int track) {
+  int add(int camera, const Eigen::Vector2f& pixel, int track) {
+    cameras.push_back(camera);
     pixels.push_back(pixel);
     tracks.push_back(track);
     inliers.push_back(1);
@@ -44,6 +48,11 @@ struct MapKeyFrame {
 struct Map {
   std::vector<MapKeyFrame> keyframes;  // in time order
   std::vector<Track> tracks;
+  // The scale is that of the rig's calibration. Where the start did not tell it, the distance from key frame 0
+  // to this one stands for it, and is held until enough has been seen to measure it.
+  bool scale_measured = false;
+  int guessed_keyframe = -1;
+  double guessed_distance = 0;
 
   void observe(int track, int keyframe, int feature) {
     tracks[track].observations.push_back({keyframe, feature});
