@@ -185,7 +185,11 @@ TEST(CameraConvert, TheProjectsFileHoldsEveryModel) {
 }
 
 TEST(CameraConvert, TablesKeepTheirHoles) {
-  RayGridData grid{.max_x = 639, .max_y = 479, .grid_width = 7, .grid_height = 6};
+  RayGridData grid;
+  grid.max_x = 639;
+  grid.max_y = 479;
+  grid.grid_width = 7;
+  grid.grid_height = 6;
   for (int i = 0; i < 42; ++i) grid.directions.emplace_back(i % 7 - 3, i / 7 - 2.5, 2);
   grid.directions[0].setConstant(std::nan(""));
   const Rig rig{{camera_of(CentralRayTable(grid))}};

@@ -112,17 +112,29 @@ std::vector<double> inverse_polynomial(const OCam& m, int width, int height) {
 
 }  // namespace
 
-Result<std::vector<CameraFileText>> format_ocamcalib(const Rig& rig) {
-  const Camera& camera = rig.cameras.front();
-  if (rig.cameras.size() > 1) {
-    return bad_input(fmt::format("{} cameras; allowed: one in OCamCalib's format", rig.cameras.size()));
+namespace {
+
+// One file for each camera: "calib_results.txt", or "calib_results_0.txt" and so on.
+template <typename Format>
+Result<std::vector<CameraFileText>> one_file_each(const Rig& rig, const std::string& stem,
+                                                  const std::string& ending, Format format) {
+  std::vector<CameraFileText> files;
+  for (size_t i = 0; i < rig.cameras.size(); ++i) {
+    const Result<std::string> text = format(rig.cameras[i]);
+    if (!text) return text.error();
+    const std::string number = rig.cameras.size() > 1 ? fmt::format("_{}", i) : "";
+    files.push_back({stem + number + ending, *text});
   }
+  return files;
+}
+
+Result<std::string> ocamcalib_text(const Camera& camera) {
   const OCam& m = std::get<OCam>(camera.model);
   std::vector<double> polynomial;
   for (const double a : m.a) polynomial.push_back(a == 0 ? 0.0 : -a);
   while (polynomial.size() > 1 && polynomial.back() == 0) polynomial.pop_back();
   const std::vector<double> inverse = inverse_polynomial(m, camera.width, camera.height);
-  const std::string text = fmt::format(
+  return fmt::format(
       "#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB)\n\n{} {}\n\n"
       "#polynomial coefficients for the inverse mapping function (ocam_model.invpol in MATLAB)\n\n{} {}\n\n"
       "#center: \"row\" and \"column\", starting from 0 (C convention)\n\n{} {}\n\n"
@@ -130,7 +142,12 @@ Result<std::vector<CameraFileText>> format_ocamcalib(const Rig& rig) {
       "{}\n",
       polynomial.size(), fmt::join(polynomial, " "), inverse.size(), fmt::join(inverse, " "), m.cy, m.cx, m.c,
       m.d, m.e, camera.height, camera.width);
-  return std::vector<CameraFileText>{{"calib_results.txt", text}};
+}
+
+}  // namespace
+
+Result<std::vector<CameraFileText>> format_ocamcalib(const Rig& rig) {
+  return one_file_each(rig, "calib_results", ".txt", ocamcalib_text);
 }
 
 namespace {
@@ -143,15 +160,9 @@ std::string grid_text(const std::string& name, const std::vector<Eigen::Vector3d
   return text + "]\n";
 }
 
-}  // namespace
-
-Result<std::vector<CameraFileText>> format_generic(const Rig& rig) {
-  const Camera& camera = rig.cameras.front();
+Result<std::string> generic_text(const Camera& camera) {
   const RayGridData* grid = table_of(camera.model);
-  if (rig.cameras.size() > 1 || !grid) {
-    return bad_input(fmt::format("{} cameras; allowed: one ray-table in the format of generic models",
-                                 rig.cameras.size()));
-  }
+  if (!grid) return bad_input(fmt::format("{}: an empty ray-table; allowed: one with rays", camera.name));
   for (const Eigen::Vector3d& direction : grid->directions) {
     if (direction.allFinite()) continue;
     return bad_input(fmt::format(
@@ -164,8 +175,13 @@ Result<std::vector<CameraFileText>> format_generic(const Rig& rig) {
       central ? "CentralGenericModel" : "NoncentralGenericModel", camera.width, camera.height, grid->min_x,
       grid->min_y, grid->max_x, grid->max_y, grid->grid_width, grid->grid_height);
   if (!central) text += grid_text("point_grid", grid->points);
-  text += grid_text(central ? "grid" : "direction_grid", grid->directions);
-  return std::vector<CameraFileText>{{"intrinsics.yaml", text}};
+  return text + grid_text(central ? "grid" : "direction_grid", grid->directions);
+}
+
+}  // namespace
+
+Result<std::vector<CameraFileText>> format_generic(const Rig& rig) {
+  return one_file_each(rig, "intrinsics", ".yaml", generic_text);
 }
 
 }  // namespace raysfm
