@@ -3,7 +3,7 @@
 // from the same numbers and stop on the same rule. Ceres's time is that of its minimiser and preprocessor,
 // without the building of its problem; ours is everything.
 //
-//   bundle_bal_benchmark [runs] [problem...]     ladybug, kitchen, or a number of cameras of a synthetic ring
+//   bundle_bal_benchmark [runs] [problem...]     ladybug, kitchen, or a number of cameras of a synthetic road
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

@@ -116,28 +116,26 @@ inline BalProblem make_bal_scene(const BalSceneOptions& options) {
   Rng rng(options.seed);
   BalProblem problem;
   std::vector<Rigid3> cam_from_world;
-  const double radius = options.cameras / (2.0 * std::numbers::pi);  // one unit from camera to camera
-  // Looking ahead along the road with x to the right, y up, and the camera's -z forward.
+  // One unit from camera to camera, looking ahead, x to the right, y up, and the camera's -z forward.
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
   for (int i = 0; i < options.cameras; ++i) {
-    const double angle = 2.0 * std::numbers::pi * i / options.cameras;
+    const double heading = 0.5 * std::sin(0.05 * i);
+    const Eigen::Vector3d forward(std::cos(heading), std::sin(heading), 0), up(0, 0, 1);
     Eigen::Matrix3d world_from_cam;
-    world_from_cam.col(1) = Eigen::Vector3d(0, 0, 1);
-    world_from_cam.col(2) = Eigen::Vector3d(std::sin(angle), -std::cos(angle), 0);
-    world_from_cam.col(0) = world_from_cam.col(1).cross(world_from_cam.col(2));
-    const Rigid3 pose{Eigen::Quaterniond(world_from_cam),
-                      radius * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0)};
+    world_from_cam << forward.cross(up), up, -forward;
+    position += forward;
+    const Rigid3 pose{Eigen::Quaterniond(world_from_cam), position};
     cam_from_world.push_back(pose.inverse());
     const Eigen::Vector3d w = log_so3(cam_from_world[i].rotation), t = cam_from_world[i].translation;
     problem.cameras.push_back({w[0], w[1], w[2], t[0], t[1], t[2], rng.uniform(480, 520),
                                rng.uniform(-0.05, 0), rng.uniform(0, 0.01)});
   }
   for (int p = 0; p < options.cameras * options.points_per_camera; ++p) {
-    const int first = p / options.points_per_camera;
+    const int first = std::min(p / options.points_per_camera, std::max(0, options.cameras - options.track));
     const double depth = options.track + rng.uniform(2, 12);
     const Eigen::Vector3d x(rng.uniform(-0.5, 0.5) * depth, rng.uniform(-0.3, 0.3) * depth, -depth);
     problem.points.push_back(cam_from_world[first].inverse() * x);
-    for (int k = 0; k < options.track; ++k) {
-      const int i = (first + k) % options.cameras;
+    for (int i = first; i < std::min(options.cameras, first + options.track); ++i) {
       const std::array<double, 9>& c = problem.cameras[i];
       Eigen::Vector2d pixel;
       if (!lens_residual({c[6], c[7], c[8]}, cam_from_world[i] * problem.points[p], Eigen::Vector2d::Zero(),

@@ -195,8 +195,7 @@ double BundleCore<N>::scale_prior_cost(const State& state, bool linearize) {
   if (prior_pose_ < 0) return 0;
   const ScalePrior& prior = problem_.scale_prior;
   const Rigid3& pose = state.poses[prior.pose];
-  const Eigen::Vector3d step =
-      pose.inverse().translation - state.poses[prior.from].inverse().translation;
+  const Eigen::Vector3d step = pose.inverse().translation - state.poses[prior.from].inverse().translation;
   const double length = step.norm();
   if (!(length > 0)) return INFINITY;
   const double r = std::log(length / prior.distance);
@@ -258,8 +257,12 @@ double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State
 template <int N>
 double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual,
                                     State& state, bool linearize, bool* loses) {
-  const Rigid3& pose = state.poses[group.pose];
-  const RowMajor3 rotation = pose.rotation.toRotationMatrix();
+  Eigen::Vector3d translation = state.poses[group.pose].translation;
+  RowMajor3 rotation = state.poses[group.pose].rotation.toRotationMatrix();
+  if (!rotation.allFinite()) {  // all lanes are lost, and nothing of it may get into the sums
+    rotation.setIdentity();
+    translation.setConstant(NAN);
+  }
   const bool moves = linearize && group.system_pose >= 0;
   PoseSums<N> sums;
   if (moves) std::memset(&sums, 0, sizeof(sums));
@@ -274,7 +277,7 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
       }
     }
     for (int i = 0; i < count; ++i) {
-      transform_points(rotation.data(), pose.translation.data(), &blocks[i]);
+      transform_points(rotation.data(), translation.data(), &blocks[i]);
       residual.evaluate(begin + i * kBundleLanes, linearize, &blocks[i]);
     }
     for (int i = 0; i < count; ++i) {
@@ -306,10 +309,10 @@ bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& la
   constexpr uint64_t kAll = 0x0101010101010101;
   uint64_t active;
   std::memcpy(&active, &active_[begin], sizeof(active));
-  double largest = 0;
-  for (double squared : block.squared) largest = squared <= largest ? largest : squared;  // keeps a NaN
+  bool all_finite = true;
+  for (double squared : block.squared) all_finite = all_finite && squared < INFINITY;
   bool loses = false;
-  if (active != kAll || !(largest < INFINITY)) {
+  if (active != kAll || !all_finite) {
     for (int k = 0; k < kBundleLanes; ++k) {
       const bool finite = std::isfinite(block.squared[k]);
       is_lost_[begin + k] = active_[begin + k] && !finite;

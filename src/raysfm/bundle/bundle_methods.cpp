@@ -1,5 +1,8 @@
 #include "raysfm/bundle/bundle_methods.h"
 
+#include <algorithm>
+#include <vector>
+
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/bundle/hierarchy.h"
 #include "raysfm/bundle/observation_layout.h"
@@ -23,6 +26,31 @@ void set_final(const BundleProblem& problem, const RobustLoss& loss, BundleSumma
   summary->dropped_observations = cost.dropped;
 }
 
+// What a problem was before it was adjusted part by part.
+class Start {
+ public:
+  explicit Start(const BundleProblem& problem)
+      : poses_(problem.rig_from_world.begin(), problem.rig_from_world.end()),
+        lenses_(problem.lenses.begin(), problem.lenses.end()),
+        points_(problem.points.begin(), problem.points.end()) {}
+
+  // Stopped half-way, parts may fit each other worse than at the start.
+  void restore_if_better(const BundleProblem& problem, const RobustLoss& loss, BundleSummary* summary) const {
+    if (summary->termination != Termination::kInterrupted || summary->final_cost <= summary->initial_cost) {
+      return;
+    }
+    std::copy(poses_.begin(), poses_.end(), problem.rig_from_world.begin());
+    std::copy(lenses_.begin(), lenses_.end(), problem.lenses.begin());
+    std::copy(points_.begin(), points_.end(), problem.points.begin());
+    set_final(problem, loss, summary);
+  }
+
+ private:
+  std::vector<Rigid3> poses_;
+  std::vector<BalLens> lenses_;
+  std::vector<Eigen::Vector3d> points_;
+};
+
 // Walks the windows along the sequence. Poses and points that no window has held yet follow the poses before
 // them, as they would in odometry.
 class LocalRun {
@@ -42,6 +70,11 @@ class LocalRun {
     part_.store(problem_);
     summary->iterations += result.iterations;
     return result.termination != Termination::kInterrupted;
+  }
+
+  // Lets the rest of the sequence follow.
+  void place_from(int pose) {
+    for (; pose < static_cast<int>(start_.size()); ++pose) place(pose);
   }
 
  private:
@@ -82,6 +115,7 @@ BundleSummary adjust_hierarchically(const BundleProblem& problem, const BundleOp
   if (!is_valid(problem, options) || hierarchy.overlap < 1 || hierarchy.piece / 2 < hierarchy.overlap) {
     return invalid();
   }
+  const Start before(problem);
   BundleSummary summary;
   summary.initial_cost = problem_cost(problem, options.loss).cost;
   const HierarchyResult result = merge_pieces(problem, options, hierarchy);
@@ -93,6 +127,7 @@ BundleSummary adjust_hierarchically(const BundleProblem& problem, const BundleOp
     summary.termination = last.termination;
   }
   set_final(problem, options.loss, &summary);
+  before.restore_if_better(problem, options.loss, &summary);
   summary.solve_ms = milliseconds_since(start);
   return summary;
 }
@@ -101,6 +136,7 @@ BundleSummary adjust_locally(const BundleProblem& problem, const BundleOptions& 
                              const LocalBundleOptions& windows) {
   const Clock::time_point start = Clock::now();
   if (!is_valid(problem, options) || !validate(windows)) return invalid();
+  const Start before(problem);
   BundleSummary summary;
   summary.initial_cost = problem_cost(problem, options.loss).cost;
   summary.termination = problem.rig_from_world.empty() ? Termination::kNothingToDo : Termination::kConverged;
@@ -108,10 +144,12 @@ BundleSummary adjust_locally(const BundleProblem& problem, const BundleOptions& 
   for (int count = 1; count <= static_cast<int>(problem.rig_from_world.size()); ++count) {
     if (!run.adjust_window(count, local_window(count, windows), &summary)) {
       summary.termination = Termination::kInterrupted;
+      run.place_from(count);
       break;
     }
   }
   set_final(problem, options.loss, &summary);
+  before.restore_if_better(problem, options.loss, &summary);
   summary.solve_ms = milliseconds_since(start);
   return summary;
 }

@@ -1,8 +1,7 @@
 #include "raysfm/bundle/problem_cost.h"
 
-#include <algorithm>
-
 #include "raysfm/bundle/residual.h"
+#include "raysfm/core/random.h"
 
 namespace raysfm {
 
@@ -22,17 +21,19 @@ ProblemCost problem_cost(const BundleProblem& problem, const RobustLoss& loss) {
 }
 
 bool scale_is_observed(const BundleProblem& problem) {
-  constexpr size_t kMostSamples = 500;
+  constexpr int kSamples = 500;
   constexpr double kFactor = 1.01, kRounding = 1e-9;  // pixels or radians
-  const size_t step = std::max<size_t>(1, problem.observations.size() / kMostSamples);
-  for (size_t i = 0; i < problem.observations.size(); i += step) {
+  if (problem.observations.empty()) return false;
+  Rng rng(1);
+  for (int sample = 0; sample < kSamples; ++sample) {
+    const int i = static_cast<int>(rng.index(static_cast<uint32_t>(problem.observations.size())));
     const BundleObservation& o = problem.observations[i];
     Rigid3 scaled = problem.rig_from_world[o.pose];
     scaled.translation *= kFactor;
     const BalLens lens = problem.lenses.empty() ? BalLens{} : problem.lenses[o.pose];
     Eigen::Vector2d before, after;
-    if (!residual_of(problem, static_cast<int>(i), &before) ||
-        !residual_of(problem, static_cast<int>(i), scaled, lens, kFactor * problem.points[o.point], &after)) {
+    if (!residual_of(problem, i, &before) ||
+        !residual_of(problem, i, scaled, lens, kFactor * problem.points[o.point], &after)) {
       continue;
     }
     if ((after - before).norm() > kRounding * (1.0 + before.norm())) return true;

@@ -1,0 +1,131 @@
+#include "raysfm/bundle/bundle_methods.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "raysfm/bundle/problem_cost.h"
+#include "support/bundle_scene.h"
+
+namespace raysfm {
+namespace {
+
+using test::BundleScene;
+using test::make_bundle_scene;
+
+// A street whose start bends away from the truth as dead reckoning does.
+BundleScene drifting_street(int poses) {
+  BundleScene scene = make_bundle_scene(
+      {.poses = poses, .free_poses = poses, .points = 20 * poses, .pose_error = 0, .point_error = 0.05});
+  for (int i = 0; i < poses; ++i) scene.poses[i] = scene.true_poses[i];
+  Rng rng(6);
+  Rigid3 drift;  // of the world, growing along the street
+  std::vector<Rigid3> drift_of_pose;
+  for (int i = 0; i < poses; ++i) {
+    Eigen::Matrix<double, 6, 1> step;
+    step << test::random_vector(rng, 0.01), test::random_vector(rng, 0.001);
+    drift = retract(drift, step);
+    drift_of_pose.push_back(drift);
+    scene.poses[i] = scene.true_poses[i] * drift.inverse();
+  }
+  std::vector<int> first(scene.points.size(), -1);
+  for (const BundleObservation& o : scene.observations) {
+    if (first[o.point] < 0) first[o.point] = o.pose;
+  }
+  for (size_t p = 0; p < scene.points.size(); ++p) {
+    if (first[p] >= 0) scene.points[p] = drift_of_pose[first[p]] * scene.points[p];
+  }
+  return scene;
+}
+
+const BundleOptions kOptions{.max_iterations = 50, .min_relative_decrease = 1e-9};
+
+TEST(BundleMethods, HierarchicalEndsAtTheGlobalOptimum) {
+  BundleScene global = drifting_street(60), hierarchical = global;
+  const BundleSummary by_global = adjust_globally(global.problem(), kOptions);
+  const BundleSummary by_halves = adjust_hierarchically(hierarchical.problem(), kOptions, {.piece = 15});
+  EXPECT_NEAR(by_halves.initial_cost, by_global.initial_cost, 1e-9 * by_global.initial_cost);
+  EXPECT_NEAR(by_halves.final_cost, by_global.final_cost, 1e-5 * by_global.final_cost);
+  EXPECT_NEAR(by_halves.final_cost, problem_cost(hierarchical.problem(), {}).cost,
+              1e-9 * by_halves.final_cost);
+  EXPECT_EQ(by_halves.termination, Termination::kConverged);
+}
+
+TEST(BundleMethods, HierarchicalKeepsWhatIsFixed) {
+  for (const int fixed : {0, 30, 59}) {
+    BundleScene scene = make_bundle_scene({.poses = 60, .free_poses = 60, .points = 900});
+    scene.pose_is_free[fixed] = 0;
+    const Rigid3 pose = scene.poses[fixed];
+    const BundleSummary summary = adjust_hierarchically(scene.problem(), kOptions, {.piece = 15});
+    EXPECT_EQ(scene.poses[fixed].translation, pose.translation);
+    EXPECT_LT(summary.final_cost, 1.1 * 0.25 * scene.observations.size());
+  }
+}
+
+TEST(BundleMethods, HierarchicalWithARigKeepsItsScale) {
+  Camera left = test::pinhole_camera(), right = left;
+  right.rig_from_cam.translation.x() = 0.5;
+  BundleScene scene = make_bundle_scene(
+      {.poses = 40, .free_poses = 40, .points = 600, .noise_px = 0, .cameras = {left, right}});
+  EXPECT_TRUE(scale_is_observed(scene.problem()));
+  EXPECT_FALSE(scale_is_observed(make_bundle_scene({}).problem()));
+  adjust_hierarchically(scene.problem(), kOptions, {.piece = 12});
+  const double length = (scene.poses[39].inverse().translation - scene.poses[0].inverse().translation).norm();
+  const double truth =
+      (scene.true_poses[39].inverse().translation - scene.true_poses[0].inverse().translation).norm();
+  EXPECT_NEAR(length, truth, 1e-4 * truth);
+}
+
+// Never everything at once, but near its optimum: the windows leave less than a tenth above the noise.
+TEST(BundleMethods, LocalComesNearTheGlobalOptimum) {
+  BundleScene global = drifting_street(60), local = global;
+  const BundleSummary by_global = adjust_globally(global.problem(), kOptions);
+  const BundleSummary by_windows = adjust_locally(local.problem(), kOptions);
+  EXPECT_LT(by_windows.final_cost, 1.25 * by_global.final_cost);
+  EXPECT_GT(by_windows.final_cost, by_global.final_cost);
+  EXPECT_LT(by_windows.final_cost, 0.1 * by_windows.initial_cost);
+}
+
+TEST(BundleMethods, BalProblemsByEveryMethod) {
+  BalProblem start = test::make_bal_scene({.cameras = 40, .points_per_camera = 25});
+  test::perturb(&start, 0.005, 0.02, 0.02, 3);
+  BalProblem global = start, hierarchical = start, local = start;
+  const BundleMethodOptions options{.bundle = kOptions, .hierarchy = {.piece = 15}};
+  const double optimum = adjust_bal(&global, BundleMethod::kGlobal, options).final_cost;
+  const BundleSummary by_halves = adjust_bal(&hierarchical, BundleMethod::kHierarchical, options);
+  EXPECT_NEAR(by_halves.final_cost, optimum, 1e-4 * optimum);
+  const BundleSummary by_windows = adjust_bal(&local, BundleMethod::kLocal, options);
+  EXPECT_LT(by_windows.final_cost, 0.5 * by_windows.initial_cost);
+}
+
+TEST(BundleMethods, InterruptedMethodsKeepAWholeProblem) {
+  for (const BundleMethod method :
+       {BundleMethod::kGlobal, BundleMethod::kHierarchical, BundleMethod::kLocal}) {
+    BundleScene scene = drifting_street(60);
+    int left = 5;
+    BundleMethodOptions options{.bundle = kOptions, .hierarchy = {.piece = 15}};
+    options.bundle.progress = [&](const IterationInfo&) { return --left > 0; };
+    const BundleSummary summary = adjust(scene.problem(), method, options);
+    EXPECT_EQ(summary.termination, Termination::kInterrupted);
+    EXPECT_EQ(left, 0);
+    EXPECT_LE(summary.final_cost, summary.initial_cost);
+    EXPECT_NEAR(summary.final_cost, problem_cost(scene.problem(), {}).cost, 1e-9 * summary.final_cost);
+  }
+}
+
+TEST(BundleMethods, ContradictionsAndNothing) {
+  BundleScene scene = make_bundle_scene({.points = 20});
+  EXPECT_EQ(adjust_hierarchically(scene.problem(), {}, {.piece = 3, .overlap = 2}).termination,
+            Termination::kInvalidProblem);
+  EXPECT_EQ(adjust_hierarchically(scene.problem(), {}, {.piece = 3, .overlap = 0}).termination,
+            Termination::kInvalidProblem);
+  EXPECT_EQ(adjust_locally(scene.problem(), {}, {.free_cameras = 3, .window = 3}).termination,
+            Termination::kInvalidProblem);
+  for (const BundleMethod method :
+       {BundleMethod::kGlobal, BundleMethod::kHierarchical, BundleMethod::kLocal}) {
+    EXPECT_EQ(adjust(BundleProblem{}, method, {}).termination, Termination::kNothingToDo);
+  }
+}
+
+}  // namespace
+}  // namespace raysfm
