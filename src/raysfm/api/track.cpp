@@ -141,12 +141,6 @@ Report make_report(const TrackSettings& settings, const Odometry& odometry, cons
   return report;
 }
 
-std::vector<FrameSource*> streams_of(const Sources& sources) {
-  std::vector<FrameSource*> streams;
-  for (const auto& s : sources.input.streams) streams.push_back(s.get());
-  return streams;
-}
-
 std::vector<CameraInput> camera_inputs(const Sources& sources, const TrackSettings& settings) {
   const int count = static_cast<int>(sources.rig.cameras.size());
   std::vector<CameraInput> inputs;
@@ -180,7 +174,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
   const int threads =
       settings.threads > 0 ? settings.threads : static_cast<int>(std::thread::hardware_concurrency());
-  ViewStream stream(streams_of(*sources), camera_inputs(*sources, settings), threads);
+  ViewStream stream(sources->input.streams, camera_inputs(*sources, settings), threads);
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;

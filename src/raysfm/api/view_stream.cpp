@@ -1,9 +1,6 @@
 #include "raysfm/api/view_stream.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <cmath>
 #include <exception>
 
 namespace raysfm {
@@ -30,8 +27,9 @@ std::future<T> ready(T value) {
 
 }  // namespace
 
-ViewStream::ViewStream(std::vector<FrameSource*> sources, std::vector<CameraInput> cameras, int threads)
-    : sources_(std::move(sources)),
+ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources,
+                       std::vector<CameraInput> cameras, int threads)
+    : sources_(sources),
       cameras_(std::move(cameras)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
   for (const CameraInput& camera : cameras_) {
@@ -77,49 +75,11 @@ ViewStream::Item ViewStream::detected(Frames frames) const {
   return ViewPtr(std::move(view));
 }
 
-// Frame i of every stream, or nothing at the end.
-Result<ViewStream::Frames> ViewStream::read_frames() {
-  Frames frames;
-  int ended = -1;
-  for (size_t s = 0; s < sources_.size(); ++s) {
-    Result<std::optional<InputFrame>> frame = sources_[s]->next();
-    if (!frame) return frame.error();
-    if (frame->has_value()) {
-      frames.push_back(std::move(**frame));
-    } else if (ended < 0) {
-      ended = static_cast<int>(s);
-    }
-  }
-  if (frames.size() == sources_.size()) return frames;
-  if (!frames.empty()) {
-    note_ = fmt::format("{}: ends at frame {}, before the other streams; their rest is not used",
-                        sources_[ended]->description(), frames[0].index);
-  }
-  return Frames{};
-}
-
-Result<void> ViewStream::check_step(const Frames& frames) {
-  constexpr double kMostApart = 0.5;  // of the time between two frames
-  const double interval = frames[0].timestamp - last_timestamp_;
-  last_timestamp_ = frames[0].timestamp;
-  if (frames[0].index == 0) return {};
-  for (size_t s = 1; s < frames.size(); ++s) {
-    if (std::abs(frames[s].timestamp - frames[0].timestamp) <= kMostApart * interval) continue;
-    return bad_input(
-        fmt::format("{}: frame {} was taken at {:.6f} s, but at {:.6f} s in {}; the streams of a "
-                    "rig must be in step",
-                    sources_[s]->description(), frames[s].index, frames[s].timestamp, frames[0].timestamp,
-                    sources_[0]->description()));
-  }
-  return {};
-}
-
 std::future<ViewStream::Item> ViewStream::read() {
   const Clock::time_point start = Clock::now();
-  Result<Frames> frames = read_frames();
+  Result<Frames> frames = sources_.next();
   if (!frames) return ready<Item>(frames.error());
   if (frames->empty()) return ready<Item>(ViewPtr());
-  if (auto r = check_step(*frames); !r) return ready<Item>(r.error());
   decode_timing_.add(milliseconds_since(start));
   auto shared = std::make_shared<Frames>(std::move(*frames));
   return pool_->submit([this, shared] { return detected(std::move(*shared)); });

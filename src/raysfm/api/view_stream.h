@@ -11,7 +11,7 @@
 
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/frame_source.h"
+#include "raysfm/io/frame_set.h"
 #include "raysfm/odometry/view.h"
 
 namespace raysfm {
@@ -29,7 +29,8 @@ struct CameraInput {
 class ViewStream {
  public:
   // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
-  ViewStream(std::vector<FrameSource*> sources, std::vector<CameraInput> cameras, int threads);
+  ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, std::vector<CameraInput> cameras,
+             int threads);
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
@@ -41,23 +42,19 @@ class ViewStream {
   const StageTiming& finish();
 
   // What the user should know though it is no error; complete once next() has returned null.
-  const std::string& note() const { return note_; }
+  const std::string& note() const { return sources_.note(); }
 
  private:
   using Item = Result<ViewPtr>;
   using Frames = std::vector<InputFrame>;  // one of each stream
 
   std::future<Item> read();
-  Result<Frames> read_frames();
-  Result<void> check_step(const Frames& frames);
   Item detected(Frames frames) const;
   void read_ahead(const std::stop_token& stop);
 
-  std::vector<FrameSource*> sources_;
+  FrameSetReader sources_;
   std::vector<CameraInput> cameras_;
   std::vector<bool> owns_stream_;  // by camera: its image is the whole frame, and nobody else's
-  double last_timestamp_ = 0;
-  std::string note_;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;
