@@ -223,7 +223,7 @@ LmTrial IntrinsicsFreeProblem::evaluate(bool linearize) {
 void IntrinsicsFreeProblem::accept() {
   std::swap(scene_, trial_);
   cost_ = trial_cost_;
-  costs_.push_back(cost_);
+  costs_.back() = cost_;
 }
 
 std::vector<double> IntrinsicsFreeProblem::residuals(UncalibratedScene* scene) {

@@ -117,6 +117,7 @@ bool IntrinsicsFreeProblem::solve_low_rank() {
 }
 
 LmStep IntrinsicsFreeProblem::solve(double damping) {
+  costs_.push_back(costs_.back());
   if (!find_low_rank(damping) || !solve_low_rank()) return {};
   const int images = index_.image_count();
   pose_steps_ = -(half_right_ + half_ * z_);

@@ -13,6 +13,8 @@ namespace raysfm {
 namespace {
 
 constexpr int kMinImagesPerPoint = 2;
+constexpr double kPolishDamping = 1e-6;
+constexpr double kRoughDecrease = 1e-3;  // of the adjustment that is polished afterwards
 
 Result<void> check_sizes(const PointTracks& tracks, std::span<const double> weights,
                          const UncalibratedScene& scene) {
@@ -231,10 +233,14 @@ Result<LensAdjustmentSummary> adjust_polished(const PointTracks& tracks, std::sp
                                               UncalibratedScene* scene) {
   LensAdjustmentOptions first = options;
   first.with_sigma = false;
+  first.lm.min_relative_decrease = std::max(kRoughDecrease, options.lm.min_relative_decrease);
   UncalibratedScene start = *scene;
   const auto rough = adjust_intrinsics_free(tracks, weights, first, &start);
   if (!rough) return rough;
-  auto summary = adjust_standard(tracks, weights, options, &start);
+  // Near the bottom, Gauss and Newton's step is a good one.
+  LensAdjustmentOptions second = options;
+  second.lm.initial_damping = std::min(kPolishDamping, options.lm.initial_damping);
+  auto summary = adjust_standard(tracks, weights, second, &start);
   if (!summary) return summary;
   summary->lm.initial_cost = rough->lm.initial_cost;
   summary->lm.iterations += rough->lm.iterations;

@@ -33,12 +33,13 @@ struct LensAdjustmentOptions {
 };
 
 struct LensAdjustmentSummary {
-  LmSummary lm;               // of the last round; iterations are of all rounds
-  std::vector<double> costs;  // 1/2 sum of squared residuals (and constraints) before and after each
-                              // accepted step, of the last round
-  double rms_px = 0;          // root mean square distance between prediction and observation, used ones
-  int used = 0;               // observations used
-  int dropped = 0;  // not used: weight 0, behind the camera, or of an image or point seen too little
+  LmSummary lm;  // of the last round; iterations are of all rounds
+  // 1/2 sum of squared residuals and constraints after so many linear solves, of the last round; the first is
+  // that of the start.
+  std::vector<double> costs;
+  double rms_px = 0;  // root mean square distance between prediction and observation, used ones
+  int used = 0;       // observations used
+  int dropped = 0;    // not used: weight 0, behind the camera, or of an image or point seen too little
   // Standard deviation of each number of each lens, pixels, scaled by the residuals; infinite where the
   // constraints leave the number free. Empty unless asked for.
   std::vector<LensVector> lens_sigma;

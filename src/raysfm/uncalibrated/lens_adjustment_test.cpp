@@ -2,9 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <cstdio>
+#include <cmath>
 
-#include "raysfm/core/timer.h"
 #include "raysfm/uncalibrated/test_scenes.h"
 
 namespace raysfm {
@@ -14,45 +13,194 @@ using test_scenes::add_noise;
 using test_scenes::Cube;
 using test_scenes::make_cube;
 using test_scenes::perturbed;
+using test_scenes::structure_error;
 
-TEST(Probe, Probe) {
-  for (const bool zoom : {false, true})
-    for (int images : {4, 6, 10})
-      for (double noise : {0.0, 1.0, 3.0}) {
-        double it[3] = {}, ms[3] = {}, err[3] = {}, fe[3] = {}, cost[3] = {};
-        const int trials = 20;
-        for (int t = 0; t < trials; ++t) {
-          Rng rng(100 + t);
-          Cube cube = make_cube({.images = images, .zooming = zoom, .principal_point_spread = 10}, &rng);
-          add_noise(noise, &rng, &cube.tracks);
-          const UncalibratedScene start = perturbed(cube.truth, 0.03, &rng);
-          LensAdjustmentOptions o;
-          o.constraints.equal = !zoom;
-          o.constraints.zero_skew = o.constraints.unit_aspect = true;
-          o.with_sigma = false;
-          const char* w = getenv("CW");
-          if (w) o.constraint_weight = atof(w);
-          if (getenv("LAG")) o.method = ConstraintMethod::kLagrange;
-          for (int m = 0; m < 3; ++m) {
-            UncalibratedScene s = start;
-            const auto t0 = Clock::now();
-            auto r = m == 0   ? adjust_standard(cube.tracks, {}, o, &s)
-                     : m == 1 ? adjust_intrinsics_free(cube.tracks, {}, o, &s)
-                              : adjust_polished(cube.tracks, {}, o, &s);
-            ms[m] += milliseconds_since(t0) / trials;
-            ASSERT_TRUE(r.ok()) << r.error().message;
-            it[m] += r->lm.iterations / double(trials);
-            cost[m] += r->lm.final_cost / trials;
-            err[m] += test_scenes::structure_error(s.points, cube.truth.points) / trials;
-            for (int j = 0; j < images; ++j)
-              fe[m] += std::abs(s.lenses[j].fx / cube.truth.lenses[j].fx - 1) / trials / images;
-          }
-        }
-        printf("%s m=%d noise %.0f:", zoom ? "zoom " : "fixed", images, noise);
-        for (int m = 0; m < 3; ++m)
-          printf(" | it %5.1f ms %6.2f err %.2e f %.1e cost %.4g", it[m], ms[m], err[m], fe[m], cost[m]);
-        printf("\n");
-      }
+using Adjust = Result<LensAdjustmentSummary> (*)(const PointTracks&, std::span<const double>,
+                                                 const LensAdjustmentOptions&, UncalibratedScene*);
+
+LensAdjustmentOptions options_for(bool zooming) {
+  LensAdjustmentOptions options;
+  options.constraints.equal = !zooming;
+  return options;
+}
+
+double largest_lens_error(const UncalibratedScene& scene, const UncalibratedScene& truth) {
+  double largest = 0;
+  for (size_t j = 0; j < truth.lenses.size(); ++j) {
+    const LensVector error = scene.lenses[j].vector() - truth.lenses[j].vector();
+    largest = std::max(largest, error.cwiseAbs().maxCoeff() / truth.lenses[j].fx);
+  }
+  return largest;
+}
+
+struct Variant {
+  const char* name;
+  Adjust adjust;
+  bool zooming;
+  ConstraintMethod method = ConstraintMethod::kWeights;
+  CostSpace space = CostSpace::kImage;
+};
+void PrintTo(const Variant& v, std::ostream* out) {
+  *out << v.name;
+}
+
+class Adjustments : public testing::TestWithParam<Variant> {};
+
+TEST_P(Adjustments, ExactOnDataWithoutNoise) {
+  Rng rng(3);
+  const Cube cube =
+      make_cube({.images = 7, .zooming = GetParam().zooming, .principal_point_spread = 10}, &rng);
+  UncalibratedScene scene = perturbed(cube.truth, 0.02, &rng);
+  LensAdjustmentOptions options = options_for(GetParam().zooming);
+  options.method = GetParam().method;
+  options.space = GetParam().space;
+  const auto summary = GetParam().adjust(cube.tracks, {}, options, &scene);
+  ASSERT_TRUE(summary.ok()) << summary.error().message;
+  EXPECT_LT(largest_lens_error(scene, cube.truth), 1e-8);
+  EXPECT_LT(structure_error(scene.points, cube.truth.points), 1e-9);
+  for (size_t i = 1; i < summary->costs.size(); ++i) EXPECT_LE(summary->costs[i], summary->costs[i - 1]);
+}
+
+INSTANTIATE_TEST_SUITE_P(, Adjustments,
+                         testing::Values(Variant{"free_zoom", adjust_intrinsics_free, true},
+                                         Variant{"free_fixed", adjust_intrinsics_free, false},
+                                         Variant{"free_zoom_multipliers", adjust_intrinsics_free, true,
+                                                 ConstraintMethod::kLagrange},
+                                         Variant{"free_fixed_multipliers", adjust_intrinsics_free, false,
+                                                 ConstraintMethod::kLagrange},
+                                         Variant{"free_zoom_invariant", adjust_intrinsics_free, true,
+                                                 ConstraintMethod::kWeights, CostSpace::kInvariant},
+                                         Variant{"standard_zoom", adjust_standard, true},
+                                         Variant{"standard_fixed", adjust_standard, false},
+                                         Variant{"polished_zoom", adjust_polished, true}),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+TEST(LensAdjustment, MultipliersMeetTheConstraintsInNoise) {
+  Rng rng(4);
+  Cube cube = make_cube({.images = 8}, &rng);
+  add_noise(1.0, &rng, &cube.tracks);
+  UncalibratedScene scene = perturbed(cube.truth, 0.01, &rng);
+  LensAdjustmentOptions options = options_for(false);
+  options.method = ConstraintMethod::kLagrange;
+  options.constraint_weight = 100;
+  ASSERT_TRUE(adjust_intrinsics_free(cube.tracks, {}, options, &scene).ok());
+  for (const Lens& lens : scene.lenses) {
+    EXPECT_NEAR(lens.skew, 0, 1e-2);
+    EXPECT_NEAR(lens.fx, lens.fy, 1e-2);
+    EXPECT_NEAR(lens.fx, scene.lenses[0].fx, 1e-2);
+    EXPECT_NEAR(lens.cx, scene.lenses[0].cx, 1e-2);
+  }
+}
+
+// The share of trials in which the truth is within two sigmas, and the ratio of the actual to the predicted
+// deviation: the covariance through the moments is right, for each of the two ways.
+void check_sigma(Adjust adjust) {
+  constexpr int kTrials = 150;
+  Rng rng(5);
+  const Cube cube = make_cube({.images = 8, .points = 40}, &rng);
+  double squares = 0;
+  int within = 0;
+  for (int t = 0; t < kTrials; ++t) {
+    Cube noisy = cube;
+    add_noise(0.2, &rng, &noisy.tracks);
+    UncalibratedScene scene = cube.truth;
+    const auto summary = adjust(noisy.tracks, {}, options_for(false), &scene);
+    ASSERT_TRUE(summary.ok());
+    const double ratio = (scene.lenses[3].fx - 1000) / summary->lens_sigma[3][0];
+    squares += ratio * ratio / kTrials;
+    within += std::abs(ratio) < 2;
+  }
+  // The standard error of the deviation is 1 / sqrt(2 * 150) = 6 %, of the share 1.7 %.
+  EXPECT_NEAR(std::sqrt(squares), 1.0, 0.2);
+  EXPECT_NEAR(within / double(kTrials), 0.954, 0.06);
+}
+
+TEST(LensAdjustment, SigmaOfStandardByMonteCarlo) {
+  check_sigma(adjust_standard);
+}
+
+TEST(LensAdjustment, SigmaOfIntrinsicsFreeByMonteCarlo) {
+  check_sigma(adjust_intrinsics_free);
+}
+
+TEST(LensAdjustment, PolishedEndsAtTheMinimumOfStandard) {
+  Rng rng(6);
+  Cube cube = make_cube({.images = 8}, &rng);
+  add_noise(1.0, &rng, &cube.tracks);
+  const UncalibratedScene start = perturbed(cube.truth, 0.02, &rng);
+  LensAdjustmentOptions options = options_for(false);
+  options.lm.min_relative_decrease = 1e-10;
+  options.lm.max_iterations = 200;
+  UncalibratedScene standard = start, polished = start;
+  const auto of_standard = adjust_standard(cube.tracks, {}, options, &standard);
+  const auto of_polished = adjust_polished(cube.tracks, {}, options, &polished);
+  ASSERT_TRUE(of_standard.ok() && of_polished.ok());
+  EXPECT_NEAR(of_polished->lm.final_cost, of_standard->lm.final_cost, 1e-5 * of_standard->lm.final_cost);
+  EXPECT_NEAR(polished.lenses[0].fx, standard.lenses[0].fx, 1.0);
+}
+
+TEST(LensAdjustment, LossHoldsBackOutliers) {
+  Rng rng(7);
+  Cube cube = make_cube({.images = 8, .points = 40}, &rng);
+  add_noise(0.3, &rng, &cube.tracks);
+  for (int k = 0; k < cube.tracks.size(); k += 29) cube.tracks.pixel[k].x() += 8;
+  LensAdjustmentOptions options = options_for(false);
+  UncalibratedScene plain = cube.truth, robust = cube.truth;
+  ASSERT_TRUE(adjust_intrinsics_free(cube.tracks, {}, options, &plain).ok());
+  options.loss = {RobustLoss::Kind::kCauchy, 0.5};
+  options.reweightings = 6;
+  ASSERT_TRUE(adjust_intrinsics_free(cube.tracks, {}, options, &robust).ok());
+  EXPECT_LT(structure_error(robust.points, cube.truth.points),
+            0.5 * structure_error(plain.points, cube.truth.points));
+}
+
+TEST(LensAdjustment, LeavesOutWhatIsSeenTooLittle) {
+  Rng rng(8);
+  const Cube cube = make_cube({.images = 6, .points = 12}, &rng);
+  PointTracks tracks = cube.tracks;
+  tracks.point_count = 13;
+  tracks.image_count = 7;
+  tracks.add(0, 12, {10, 10});  // one image sees the point
+  tracks.add(6, 0, {10, 10});   // and one image this point
+  UncalibratedScene scene = cube.truth;
+  scene.points.emplace_back(1, 2, 3);
+  scene.cam_from_world.push_back(scene.cam_from_world[0]);
+  scene.lenses.push_back(scene.lenses[0]);
+  const auto summary = adjust_intrinsics_free(tracks, {}, options_for(false), &scene);
+  ASSERT_TRUE(summary.ok());
+  EXPECT_EQ(summary->dropped, 2);
+  EXPECT_EQ(scene.points[12], Eigen::Vector3d(1, 2, 3));
+  EXPECT_TRUE(std::isinf(summary->lens_sigma[6][0]));
+}
+
+std::string message(const Result<LensAdjustmentSummary>& result) {
+  return result.ok() ? "" : result.error().message;
+}
+
+TEST(LensAdjustment, BadInputIsNamed) {
+  Rng rng(9);
+  const Cube cube = make_cube({.images = 3, .zooming = true}, &rng);
+  UncalibratedScene scene = cube.truth;
+  const LensAdjustmentOptions options = options_for(true);
+  EXPECT_EQ(
+      message(adjust_intrinsics_free(cube.tracks, {}, options, &scene)),
+      "images: 3 with at least 6 usable points, at least 4 are needed (known of the lenses: zero skew, unit "
+      "aspect ratio)");
+  PointTracks twice = cube.tracks;
+  twice.add(twice.image[4], twice.point[4], {1, 1});
+  EXPECT_EQ(message(adjust_standard(twice, {}, options, &scene)),
+            "point tracks: observation 75: image 0, point 4 again, allowed once");
+  PointTracks nan = cube.tracks;
+  nan.pixel[3].y() = NAN;
+  EXPECT_EQ(message(adjust_standard(nan, {}, options, &scene)),
+            "point tracks: observation 3: pixel must be two finite numbers");
+  PointTracks beyond = cube.tracks;
+  beyond.image[2] = 3;
+  EXPECT_EQ(message(adjust_standard(beyond, {}, options, &scene)),
+            "point tracks: observation 2: image 3, allowed 0 to 2");
+  scene.points.pop_back();
+  EXPECT_EQ(message(adjust_standard(cube.tracks, {}, options, &scene)),
+            "scene: 3 poses, 3 lenses and 24 points, must be 3, as many, and 25");
 }
 
 }  // namespace

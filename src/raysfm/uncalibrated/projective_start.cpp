@@ -201,19 +201,21 @@ class Builder {
     return most > 2 && 2 * most > views.size();
   }
 
-  // Judges every observation of what is posed and placed; a point without two inliers is given up.
+  // Judges every observation of what is posed and placed; a point is given up without two inliers
+  // or with more outliers.
   void find_inliers() {
     const double limit = options_.max_error * options_.max_error;
-    std::vector<int> good(tracks_.point_count, 0);
+    std::vector<int> good(tracks_.point_count, 0), seen(tracks_.point_count, 0);
     for (int k = 0; k < tracks_.size(); ++k) {
       const int image = tracks_.image[k], point = tracks_.point[k];
       result_.inlier[k] =
           result_.image_posed[image] && result_.point_placed[point] &&
           squared_error(result_.scene.views[image], result_.scene.points[point], tracks_.pixel[k]) < limit;
       good[point] += result_.inlier[k];
+      seen[point] += result_.image_posed[image];
     }
     for (int i = 0; i < tracks_.point_count; ++i) {
-      if (good[i] < 2) result_.point_placed[i] = 0;
+      if (good[i] < 2 || 2 * good[i] <= seen[i]) result_.point_placed[i] = 0;
     }
     for (int k = 0; k < tracks_.size(); ++k) result_.inlier[k] &= result_.point_placed[tracks_.point[k]];
   }

@@ -92,7 +92,7 @@ struct Solution {
   std::vector<uint8_t> inlier;
 };
 
-// Where the scene agrees with the observations; only points with two such are kept.
+// Where the scene agrees with the observations, of images posed and points placed.
 std::vector<uint8_t> judge(const PointTracks& tracks, const UncalibratedScene& scene,
                            const std::vector<uint8_t>& posed, const std::vector<uint8_t>& placed,
                            double max_error) {
@@ -144,12 +144,14 @@ Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart&
   return best;
 }
 
-double inlier_cost(const PointTracks& tracks, const Solution& solution, double max_error) {
+// Sum of squared errors of the observations marked, each at most the largest allowed.
+double truncated_cost(const PointTracks& tracks, const UncalibratedScene& scene,
+                      const std::vector<uint8_t>& marked, double max_error) {
   double sum = 0;
   for (int k = 0; k < tracks.size(); ++k) {
-    const Eigen::Vector3d x =
-        solution.scene.cam_from_world[tracks.image[k]] * solution.scene.points[tracks.point[k]];
-    const Lens& lens = solution.scene.lenses[tracks.image[k]];
+    if (!marked[k]) continue;
+    const Eigen::Vector3d x = scene.cam_from_world[tracks.image[k]] * scene.points[tracks.point[k]];
+    const Lens& lens = scene.lenses[tracks.image[k]];
     const double error2 =
         x.z() > 0 ? (lens.pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm() : INFINITY;
     sum += std::min(error2, max_error * max_error);
@@ -157,21 +159,24 @@ double inlier_cost(const PointTracks& tracks, const Solution& solution, double m
   return sum;
 }
 
-// Fixed unless one lens for each image lowers the sum of squares by more than its numbers are worth
-// (Bayesian information criterion).
+// Zooming when one lens for each image lowers the sum of squares, in units of the variance of the residuals,
+// by four standard deviations more than as many superfluous numbers would (chi-squared).
 struct LensChoice {
   bool zooming;
   std::string evidence;
 };
 LensChoice choose(const PointTracks& tracks, const Solution& fixed, const Solution& zoom, int images,
-                  double max_error) {
-  const double observations = 2.0 * tracks.size();
-  const double of_fixed = inlier_cost(tracks, fixed, max_error),
-               of_zoom = inlier_cost(tracks, zoom, max_error);
-  const double gain = observations * std::log(of_fixed / std::max(of_zoom, 1e-12 * observations));
-  const double price = 3.0 * (images - 1) * std::log(observations);
-  const bool zooming = gain > price;
-  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / tracks.size())); };
+                  int points, double max_error) {
+  std::vector<uint8_t> marked = fixed.inlier;
+  for (size_t k = 0; k < marked.size(); ++k) marked[k] |= zoom.inlier[k];
+  const double count = static_cast<double>(std::count(marked.begin(), marked.end(), 1));
+  const double of_fixed = truncated_cost(tracks, fixed.scene, marked, max_error);
+  const double of_zoom = truncated_cost(tracks, zoom.scene, marked, max_error);
+  const double freedom = std::max(1.0, 2 * count - 9.0 * images - 3.0 * points + 7);
+  const double added = 3.0 * (images - 1);
+  const double gain = (of_fixed - of_zoom) / std::max(of_zoom / freedom, 1e-12);
+  const bool zooming = gain > added + 4 * std::sqrt(2 * added);
+  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / count)); };
   return {zooming, "rms " + rms(of_fixed) + " px with one lens, " + rms(of_zoom) +
                        " px with one for each image: " + (zooming ? "more than" : "not more than") +
                        " the added numbers explain"};
@@ -182,12 +187,16 @@ void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solu
   result->image_posed.assign(tracks.image_count, 0);
   result->point_placed.assign(tracks.point_count, 0);
   std::vector<int> in_image(tracks.image_count, 0), of_point(tracks.point_count, 0);
+  std::vector<int> seen(tracks.point_count, 0);
   for (int k = 0; k < tracks.size(); ++k) {
     in_image[tracks.image[k]] += solution.inlier[k];
     of_point[tracks.point[k]] += solution.inlier[k];
+    seen[tracks.point[k]] += start.image_posed[tracks.image[k]];
   }
   for (int j = 0; j < tracks.image_count; ++j) result->image_posed[j] = in_image[j] >= kMinPointsPerImage;
-  for (int i = 0; i < tracks.point_count; ++i) result->point_placed[i] = of_point[i] >= 2;
+  for (int i = 0; i < tracks.point_count; ++i) {
+    result->point_placed[i] = of_point[i] >= 2 && 2 * of_point[i] > seen[i];
+  }
   double sum = 0;
   int count = 0;
   for (int k = 0; k < tracks.size(); ++k) {
@@ -207,25 +216,49 @@ void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solu
   result->start_inliers = start.pair_inliers;
 }
 
+Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, const SolveOptions& options) {
+  return projective_start(units.apply(tracks), {.max_error = options.max_error_px / units.scale,
+                                                .max_samples = options.max_samples,
+                                                .seed = options.seed});
+}
+
 }  // namespace
+
+Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,
+                                       bool equal_lenses) {
+  if (auto ok = validate(tracks); !ok) return ok.error();
+  if (auto ok = check_options(options); !ok) return ok.error();
+  const Units units(tracks);
+  const auto start = start_of(tracks, units, options);
+  if (!start) return start.error();
+  const auto whole = [](const std::vector<uint8_t>& marks) {
+    return std::all_of(marks.begin(), marks.end(), [](uint8_t mark) { return mark; });
+  };
+  if (!whole(start->image_posed) || !whole(start->point_placed)) {
+    return no_reconstruction("start: an image or a point was not reached");
+  }
+  std::vector<UncalibratedScene> scenes = metric_starts(tracks, units, *start, equal_lenses);
+  if (scenes.empty()) {
+    return no_reconstruction("self-calibration: no absolute quadric is positive, at any focal length");
+  }
+  return std::move(scenes.front());
+}
 
 Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options) {
   if (auto ok = validate(tracks); !ok) return ok.error();
   if (auto ok = check_options(options); !ok) return ok.error();
   const Units units(tracks);
-  const ProjectiveStartOptions start_options{.max_error = options.max_error_px / units.scale,
-                                             .max_samples = options.max_samples,
-                                             .seed = options.seed};
-  const auto start = projective_start(units.apply(tracks), start_options);
+  const auto start = start_of(tracks, units, options);
   if (!start) return start.error();
   const int posed = static_cast<int>(std::count(start->image_posed.begin(), start->image_posed.end(), 1));
+  const int placed = static_cast<int>(std::count(start->point_placed.begin(), start->point_placed.end(), 1));
   UncalibratedReconstruction result;
   if (options.lens == LensChange::kAuto) {
     auto fixed = best_solution(tracks, *start, units, options, true);
     auto zoom = best_solution(tracks, *start, units, options, false);
     if (!fixed && !zoom) return fixed.error();
     if (fixed && zoom) {
-      const LensChoice choice = choose(tracks, *fixed, *zoom, posed, options.max_error_px);
+      const LensChoice choice = choose(tracks, *fixed, *zoom, posed, placed, options.max_error_px);
       result.zooming = choice.zooming;
       result.lens_evidence = choice.evidence;
     } else {

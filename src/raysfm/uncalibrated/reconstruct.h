@@ -40,6 +40,10 @@ struct UncalibratedReconstruction {
   LensAdjustmentSummary adjustment;
 };
 
+// The start alone (IFBA01 4.2): every image and point must be reached. For comparing what follows it.
+Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,
+                                       bool equal_lenses);
+
 // Structure, motion and lenses from point tracks alone (IFBA01 4.2 and 4). kBadInput for tracks that
 // contradict themselves; kNoReconstruction when they do not determine a structure, with the reason.
 Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options);

@@ -123,6 +123,7 @@ bool StandardProblem::factorize(double damping) {
 }
 
 LmStep StandardProblem::solve(double damping) {
+  costs_.push_back(costs_.back());
   if (!factorize(damping)) return {};
   steps_ = -elimination_.right();
   elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(steps_);
@@ -151,7 +152,7 @@ LmTrial StandardProblem::evaluate(bool linearize) {
 void StandardProblem::accept() {
   std::swap(scene_, trial_);
   cost_ = trial_cost_;
-  costs_.push_back(cost_);
+  costs_.back() = cost_;
 }
 
 std::vector<Eigen::Matrix<double, 5, 5>> StandardProblem::lens_covariances() {
