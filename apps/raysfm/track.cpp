@@ -6,14 +6,12 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <set>
-#include <type_traits>
-#include <variant>
 
 #include "commands.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
 #include "raysfm/io/output_folder.h"
+#include "setting_flags.h"
 
 namespace raysfm::app {
 namespace {
@@ -116,46 +114,6 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   return 0;
 }
 
-// --seed and --threads belong to every subcommand; main() has them.
-bool is_common(const SettingField& field) {
-  return field.name == "seed" || field.name == "threads";
-}
-
-// Merges the configuration file into what the command line left open.
-Result<void> settle(Arguments& arguments, const CLI::App& command, const CLI::App& program,
-                    const CommonOptions& common) {
-  TrackSettings& settings = arguments.settings;
-  const std::vector<SettingField> fields = setting_fields(settings);
-  std::set<std::string> given;
-  for (const SettingField& field : fields) {
-    const CLI::App& owner = is_common(field) ? program : command;
-    if (owner.count("--" + field.name) > 0) given.insert(field.name);
-  }
-  settings.threads = common.threads;
-  settings.odometry.seed = common.seed;
-  if (common.config.empty()) return {};
-  return read_config(common.config, fields, given);
-}
-
-// One flag for each setting of the table that configuration files share.
-void add_setting(CLI::App* command, const SettingField& field) {
-  const std::string flag = "--" + field.name;
-  std::visit(
-      [&](auto* value) {
-        if constexpr (std::is_same_v<decltype(value), bool*>) {
-          command->add_flag(flag, *value, field.help);
-        } else {
-          CLI::Option* option = command->add_option(flag, *value, field.help);
-          if constexpr (std::is_same_v<decltype(value), std::string*>) {
-            if (!field.allowed.empty()) option->check(CLI::IsMember(field.allowed));
-            if (value->empty()) return;
-          }
-          option->capture_default_str();
-        }
-      },
-      field.value);
-}
-
 }  // namespace
 
 Command add_track(CLI::App& program, const CommonOptions& common) {
@@ -166,11 +124,11 @@ Command add_track(CLI::App& program, const CommonOptions& common) {
                    "video, image folder or pattern, sequence folder, device")
       ->required();
   command->add_option("--out", arguments->out, "folder for the results")->required();
-  for (const SettingField& field : setting_fields(arguments->settings)) {
-    if (!is_common(field)) add_setting(command, field);
-  }
+  add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle(*arguments, *command, program, common); !r) return r.error();
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+      return r.error();
+    }
     return run(*arguments, common);
   };
 }
