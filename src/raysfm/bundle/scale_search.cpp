@@ -7,10 +7,10 @@
 namespace raysfm {
 namespace {
 
-constexpr double kHold = 1e4;  // weight of the prior: the distance stays where it is told
-constexpr double kFactor = 2;  // between the scales tried
-constexpr int kMostSteps = 3;  // from the first scale, either way
-constexpr double kLeastShift = 1.02;
+constexpr double kHold = 1e4;    // weight of the prior: the distance stays where it is told
+constexpr double kFactor = 2;    // between the scales tried
+constexpr int kMostSteps = 3;    // from the first scale, either way
+constexpr double kFinest = 1.1;  // ratio of scales at which the search ends
 
 // The world at one scale, everything else adjusted.
 struct Trial {
@@ -63,7 +63,7 @@ class Search {
 // Where a parabola through three costs at equal steps of the logarithm is lowest, in steps from the middle.
 double vertex(double left, double middle, double right) {
   const double curvature = left - 2 * middle + right;
-  return curvature > 0 ? std::clamp(0.5 * (left - right) / curvature, -0.5, 0.5) : 0;
+  return curvature > 0 ? std::clamp(0.5 * (left - right) / curvature, -1.0, 1.0) : 0;
 }
 
 }  // namespace
@@ -85,16 +85,20 @@ ScaleSearch search_scale(BundleAdjuster& adjuster, const BundleProblem& problem,
       larger = search.at(middle.log_scale + step, middle);
     }
   }
-  ScaleSearch result;
-  const double shift = step * vertex(smaller.cost, middle.cost, larger.cost);
-  Trial best = middle;
-  if (std::abs(shift) > std::log(kLeastShift)) {
-    best = search.at(middle.log_scale + shift, middle);
-    if (!(best.cost <= middle.cost)) best = middle;
+  for (double fine = step; fine > std::log(kFinest); fine /= 3) {
+    const double shift = fine * vertex(smaller.cost, middle.cost, larger.cost);
+    Trial lowest = search.at(middle.log_scale + shift, middle);
+    if (lowest.cost < middle.cost) middle = std::move(lowest);
+    smaller = search.at(middle.log_scale - fine / 3, middle);
+    larger = search.at(middle.log_scale + fine / 3, middle);
   }
+  const double half = search.at(middle.log_scale - std::log(2), middle).cost;
+  const double twice = search.at(middle.log_scale + std::log(2), middle).cost;
+  ScaleSearch result;
+  const Trial& best = middle;
   const int unknowns = static_cast<int>(3 * problem.points.size() + 6 * problem.rig_from_world.size());
   const double variance = 2 * best.cost / std::max(1, 2 * best.used - unknowns);
-  const double rise = 2 * (std::min(smaller.cost, larger.cost) - best.cost);
+  const double rise = 2 * (std::min(half, twice) - best.cost);
   if (variance > 0 && rise > 0) result.significance = std::sqrt(rise / variance);
   result.distance = problem.scale_prior.distance * std::exp(best.log_scale);
   std::copy(best.poses.begin(), best.poses.end(), problem.rig_from_world.begin());

@@ -1,8 +1,10 @@
 // The pipeline on real images with surveyed poses.
 #include <gtest/gtest.h>
 
+#include <cctype>
+
 #include "raysfm/eval/trajectory_error.h"
-#include "raysfm/io/frame_source.h"
+#include "raysfm/io/frame_set.h"
 #include "raysfm/io/trajectory_file.h"
 #include "raysfm/odometry/odometry.h"
 #include "support/shared_data.h"
@@ -15,6 +17,7 @@ using testing_support::shared_data;
 struct RealSequence {
   const char* folder;
   int frames;
+  bool mono;
   double max_percent;       // of the path: mean error of the positions
   double max_rotation_deg;  // rms over consecutive frames
 };
@@ -24,24 +27,29 @@ class RealSequenceTest : public testing::TestWithParam<RealSequence> {};
 TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
   const RealSequence& sequence = GetParam();
   RAYSFM_SKIP_WITHOUT_SHARED_DATA(sequence.folder);
-  Result<Input> input = open_input({shared_data(sequence.folder).string()}, {.mono = true});
+  Result<Input> input = open_input({shared_data(sequence.folder).string()}, {.mono = sequence.mono});
   ASSERT_TRUE(input) << input.error().message;
   ASSERT_TRUE(input->calibration);
   const Result<Trajectory> truth = read_trajectory(shared_data(sequence.folder) / "truth.txt");
   ASSERT_TRUE(truth) << truth.error().message;
 
-  Odometry odometry(Rig{{input->calibration->cameras[0]}}, {}, {});
+  Rig rig = *input->calibration;
+  if (sequence.mono) rig.cameras.resize(1);
+  Odometry odometry(rig, {}, {});
+  const HarrisOptions corners{.max_features = 3000 / (1 + static_cast<int>(rig.cameras.size()))};
+  FrameSetReader reader(input->streams);
   HarrisDetector detector;
   for (int i = 0; i < sequence.frames; ++i) {
-    Result<std::optional<InputFrame>> frame = input->streams[0]->next();
-    ASSERT_TRUE(frame) << frame.error().message;
-    ASSERT_TRUE(frame->has_value()) << "frame " << i << " is missing";
+    Result<std::vector<InputFrame>> frames = reader.next();
+    ASSERT_TRUE(frames) << frames.error().message;
+    ASSERT_FALSE(frames->empty()) << "frame " << i << " is missing";
     auto view = std::make_shared<View>();
     view->frame = i;
-    view->timestamp = (*frame)->timestamp;
-    view->cameras.resize(1);
-    view->cameras[0].image = std::move((*frame)->gray);
-    detect(detector, {}, &view->cameras[0]);
+    view->timestamp = (*frames)[0].timestamp;
+    for (InputFrame& frame : *frames) {
+      view->cameras.emplace_back().image = std::move(frame.gray);
+      detect(detector, corners, &view->cameras.back());
+    }
     odometry.process(view);
   }
   const Reconstruction r = odometry.finish(false);
@@ -53,7 +61,9 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
     estimate.timestamps.push_back(f.timestamp);
     estimate.world_from_cam.push_back(*f.world_from_rig);
   }
-  const Result<Evaluation> error = evaluate(estimate, *truth, {});
+  EXPECT_EQ(r.metric_scale, !sequence.mono);
+  const Result<Evaluation> error =
+      evaluate(estimate, *truth, {.alignment = sequence.mono ? Alignment::kSim3 : Alignment::kSe3});
   ASSERT_TRUE(error) << error.error().message;
   ASSERT_EQ(static_cast<int>(error->matches.size()), sequence.frames);
   RecordProperty("percent_of_path", std::to_string(error->percent_of_path()));
@@ -64,11 +74,14 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Real, RealSequenceTest,
-                         testing::Values(RealSequence{"tsukuba-mono", 30, 1.0, 0.2},
-                                         RealSequence{"kitti06-stereo", 30, 1.0, 0.2}),
+                         testing::Values(RealSequence{"tsukuba-mono", 30, true, 1.0, 0.2},
+                                         RealSequence{"kitti06-stereo", 30, true, 1.0, 0.2},
+                                         RealSequence{"kitti06-stereo", 30, false, 1.0, 0.2},
+                                         RealSequence{"rendered/tri-rig", 40, false, 0.5, 0.05}),
                          [](const auto& info) {
                            std::string name = info.param.folder;
-                           std::erase(name, '-');
+                           std::erase_if(name, [](char c) { return !std::isalnum(c); });
+                           if (!info.param.mono) name += "Rig";
                            return name;
                          });
 

@@ -1,0 +1,103 @@
+#include "raysfm/bundle/scale_search.h"
+
+#include <gtest/gtest.h>
+
+#include "support/bundle_scene.h"
+
+namespace raysfm {
+namespace {
+
+// Two cameras 0.5 m apart that see opposite sides share no points, so that only their turning tells the
+// scale.
+std::vector<Camera> back_to_back(double half_distance) {
+  std::vector<Camera> cameras(2, test::pinhole_camera());
+  cameras[0].rig_from_cam.translation = {half_distance, 0, 0};
+  cameras[1].rig_from_cam = {exp_so3({0, std::numbers::pi, 0}), {-half_distance, 0, 0}};
+  return cameras;
+}
+
+// The rig turns about all axes as it goes, or not at all; every point is seen by one of the cameras in each
+// pose, 5 m away.
+test::BundleScene make_scene(const std::vector<Camera>& cameras, double turn, double noise_px) {
+  constexpr int kPoses = 8, kPoints = 160;
+  Rng rng(4);
+  test::BundleScene scene;
+  scene.cameras = cameras;
+  for (int i = 0; i < kPoses; ++i) {
+    const Rigid3 world_from_rig{exp_so3(turn * i * Eigen::Vector3d(0.03, 0.05, -0.04)),
+                                Eigen::Vector3d(0.15 * i, 0.02 * i, 0.05 * i)};
+    scene.true_poses.push_back(world_from_rig.inverse());
+    scene.pose_is_free.push_back(i > 0);
+  }
+  for (int p = 0; p < kPoints; ++p) {
+    const int camera = p % 2;
+    const Eigen::Vector3d in_cam(rng.uniform(-1.2, 1.2), rng.uniform(-0.9, 0.9), rng.uniform(4, 6));
+    scene.true_points.push_back(cameras[camera].rig_from_cam * in_cam);
+    for (int i = 0; i < kPoses; ++i) {
+      Eigen::Vector2d pixel;
+      if (!cameras[camera].project(
+              cameras[camera].rig_from_cam.inverse() * (scene.true_poses[i] * scene.true_points[p]),
+              &pixel)) {
+        continue;
+      }
+      pixel += noise_px * Eigen::Vector2d(rng.normal(), rng.normal());
+      scene.observations.push_back({i, p, camera, pixel});
+    }
+  }
+  scene.is_inlier.assign(scene.observations.size(), 1);
+  return scene;
+}
+
+// Poses and points at a multiple of their true scale about the first rig, and the prior that says so.
+BundleProblem scaled(test::BundleScene& scene, double scale) {
+  scene.poses = scene.true_poses;
+  scene.points = scene.true_points;
+  for (Rigid3& pose : scene.poses) pose.translation *= scale;
+  for (Eigen::Vector3d& point : scene.points) point *= scale;
+  BundleProblem problem = scene.problem();
+  const int last = static_cast<int>(scene.poses.size()) - 1;
+  problem.scale_prior = {last, 0, scene.poses[last].inverse().translation.norm(), 0};
+  return problem;
+}
+
+TEST(ScaleSearch, FindsTheScaleThatATurningRigTells) {
+  test::BundleScene scene = make_scene(back_to_back(0.25), 1, 0.3);
+  const double truth = scene.true_poses.back().inverse().translation.norm();
+  for (const double start : {1.0, 3.0, 0.4}) {
+    BundleAdjuster adjuster;
+    BundleProblem problem = scaled(scene, start);
+    const ScaleSearch found = search_scale(adjuster, problem, {.max_iterations = 40});
+    EXPECT_NEAR(found.distance / truth, 1, 0.05) << "from " << start;
+    EXPECT_GT(found.significance, 10) << "from " << start;
+    EXPECT_NEAR(problem.rig_from_world.back().inverse().translation.norm(), found.distance, 1e-3 * truth);
+  }
+}
+
+TEST(ScaleSearch, SaysSoWhereNothingTellsIt) {
+  // No turn, so that each camera sees the same translation; or one centre.
+  for (const auto& [half_distance, turn] : {std::pair(0.25, 0.0), std::pair(0.0, 1.0)}) {
+    test::BundleScene scene = make_scene(back_to_back(half_distance), turn, 0.3);
+    BundleAdjuster adjuster;
+    const ScaleSearch found = search_scale(adjuster, scaled(scene, 1), {.max_iterations = 40});
+    EXPECT_LT(found.significance, 3) << half_distance << " " << turn;
+  }
+}
+
+// The prior alone decides where the observations say nothing, and nothing where they do.
+TEST(ScalePrior, HoldsTheScaleOfACentralRigAndYieldsToEvidence) {
+  for (const auto& [half_distance, weight, expected] :
+       {std::tuple(0.0, 1e-3, 2.0), std::tuple(0.25, 1e-3, 1.0), std::tuple(0.25, 1e9, 2.0)}) {
+    test::BundleScene scene = make_scene(back_to_back(half_distance), 1, 0.1);
+    const double truth = scene.true_poses.back().inverse().translation.norm();
+    BundleProblem problem = scaled(scene, 1);
+    problem.scale_prior.distance = 2 * truth;
+    problem.scale_prior.weight = weight;
+    BundleAdjuster adjuster;
+    adjuster.adjust(problem, {.max_iterations = 200, .min_relative_decrease = 1e-14});
+    EXPECT_NEAR(problem.rig_from_world.back().inverse().translation.norm() / truth, expected, 0.05)
+        << half_distance << " " << weight;
+  }
+}
+
+}  // namespace
+}  // namespace raysfm
