@@ -144,6 +144,7 @@ void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
 bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
   MapKeyFrame& k = map->keyframes[keyframe];
   const int track = k.tracks[match.feature];
+  if (track < 0) return false;  // it has just become part of another
   for (int f = 0; f < k.size(); ++f) {
     if (k.cameras[f] != match.camera || k.tracks[f] < 0) continue;
     if ((k.pixels[f] - match.pixel).squaredNorm() >= kTrackSpacing * kTrackSpacing) continue;
