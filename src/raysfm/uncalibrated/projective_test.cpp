@@ -96,10 +96,11 @@ TEST(ProjectiveResection, FindsTheView) {
   std::vector<Eigen::Vector4d> points;
   for (const Eigen::Vector3d& x : cube.truth.points) points.push_back(x.homogeneous());
   Matrix34d view;
-  ASSERT_TRUE(view_from_points(points, pixels_of(cube, 0), &view));
+  const auto pixels = pixels_of(cube, 0);
+  ASSERT_TRUE(view_from_points(points, pixels, &view));
   const Matrix34d truth = true_view(cube, 0).normalized();
   EXPECT_LT(std::min((view - truth).norm(), (view + truth).norm()), 1e-7);
-  EXPECT_FALSE(view_from_points(std::span(points).first(5), std::span(pixels_of(cube, 0)).first(5), &view));
+  EXPECT_FALSE(view_from_points(std::span(points).first(5), std::span(pixels).first(5), &view));
 }
 
 // The true scene seen through a projective map of space.
