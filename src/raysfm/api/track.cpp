@@ -12,6 +12,7 @@
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
+#include "raysfm/odometry/extrinsics_check.h"
 #include "raysfm/odometry/odometry.h"
 
 namespace raysfm {
@@ -155,6 +156,12 @@ std::vector<CameraInput> camera_inputs(const Sources& sources, const TrackSettin
   return inputs;
 }
 
+// Where the calibration came from, for messages.
+std::string camera_source(const TrackSettings& settings, const Input& input) {
+  if (!settings.camera.empty()) return settings.camera;
+  return input.calibration_file ? input.calibration_file->string() : settings.inputs[0];
+}
+
 int count_corners(const View& view) {
   int corners = 0;
   for (const CameraView& camera : view.cameras) corners += camera.features.size();
@@ -186,6 +193,11 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     Result<ViewPtr> view = stream.next();
     if (!view) return view.error();
     if (!*view) break;
+    if (corners.empty()) {
+      if (auto problem = opposite_extrinsics(odometry.rig(), **view)) {
+        return bad_input(fmt::format("{}: {}", camera_source(settings, sources->input), *problem));
+      }
+    }
     corners.push_back(count_corners(**view));
     odometry.process(*view);
     if (callbacks.progress) callbacks.progress({odometry.frames(), source.frame_count(), odometry.posed()});

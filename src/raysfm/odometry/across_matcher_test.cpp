@@ -5,6 +5,8 @@
 #include <numeric>
 #include <set>
 
+#include "raysfm/odometry/extrinsics_check.h"
+
 #include "support/panel_world.h"
 
 namespace raysfm {
@@ -79,6 +81,18 @@ TEST_F(AcrossMatcherTest, FindsThePlaceWhereTheOtherCameraSeesThePoint) {
 // Along a line there is always something that looks alike; one in twenty corners finds it.
 TEST_F(AcrossMatcherTest, ImagesOfDifferentPlacesHaveHardlyAnyMatches) {
   EXPECT_LT(match(film_both(PanelWorld(7), PanelWorld(99), rig_.rig())).size(), 40u);
+}
+
+TEST_F(AcrossMatcherTest, ExtrinsicsInTheOppositeDirectionAreNoticed) {
+  const PanelWorld world(7);
+  const ViewPtr view = film_both(world, world, rig_.rig());
+  EXPECT_FALSE(opposite_extrinsics(rig_, *view));
+  Rig wrong = rig_.rig();
+  for (Camera& camera : wrong.cameras) camera.rig_from_cam = camera.rig_from_cam.inverse();
+  const std::optional<std::string> problem = opposite_extrinsics(TrackingRig(wrong), *view);
+  ASSERT_TRUE(problem);
+  EXPECT_NE(problem->find("opposite direction"), std::string::npos) << *problem;
+  EXPECT_FALSE(opposite_extrinsics(rig_, *film_both(world, PanelWorld(99), rig_.rig())));
 }
 
 }  // namespace
