@@ -86,7 +86,7 @@ Motion walk(const Curve& curve, double points_per_second, double spacing, uint64
   const double speed = points_per_second * spacing;     // metres per second
   const double pace = kTwoPi * 1.6 * std::sqrt(speed);  // steps, radians per second
   const double phase = rng.uniform(0, kTwoPi), other = rng.uniform(0, kTwoPi);
-  const double ahead = 1.2 / spacing;                                 // points on the curve
+  const double ahead = 1.6 / spacing, behind = 0.6 / spacing;         // points on the curve
   const Unrest3 look(rng, Vector3d(3, 9, 1.5) * kDegree, 0.04, 0.2);  // pitch, yaw, roll
   const Unrest3 shake(rng, Vector3d(0.25, 0.25, 0.2) * kDegree, 0.8, 3.0);
   const Unrest3 wander(rng, {0.03, 0.01, 0.03}, 0.05, 0.4);
@@ -94,7 +94,7 @@ Motion walk(const Curve& curve, double points_per_second, double spacing, uint64
     const double x = points_per_second * time, step = pace * time + phase, stride = 0.5 * pace * time + other;
     const Vector3d gait = Vector3d(0.5 * std::sin(step), 0.7 * std::sin(stride), 0.6 * std::cos(stride));
     const Vector3d w = look(time) + shake(time) + gait * kDegree;
-    const double yaw = yaw_of(curve.position(x + ahead) - curve.position(x));
+    const double yaw = yaw_of(curve.position(x + ahead) - curve.position(x - behind));
     const Vector3d sway(0.012 * std::sin(stride), 0.015 * std::cos(step), 0.008 * std::sin(step));
     const Eigen::Quaterniond body(AngleAxisd(yaw, Vector3d::UnitY()));
     return Rigid3{attitude(yaw + w.y(), w.x(), w.z()), curve.position(x) + body * (sway + wander(time))};
