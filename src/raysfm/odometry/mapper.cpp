@@ -282,10 +282,10 @@ void Mapper::hold_scale(const Map& map, BundleProblem* problem) const {
 // Looks for a scale that is still a guess, where the rays' origins can tell it. It counts as measured, and
 // replaces the guess, once half and double of it fit the observations much worse.
 void Mapper::measure_scale(const BundleOptions& options, BundleProblem problem, Map* map) {
-  constexpr int kEnoughKeyframes = 5;
+  constexpr int kEvery = 4;  // key frames: the search is worth some hundred adjustments
   constexpr double kSignificance = 6;
   if (problem.scale_prior.pose < 0 || rig_.central()) return;
-  if (static_cast<int>(map->keyframes.size()) < kEnoughKeyframes) return;
+  if (map->keyframes.size() % kEvery != 0) return;
   BundleOptions converging = options;
   converging.max_iterations = 40;
   converging.min_relative_decrease = 1e-7;
