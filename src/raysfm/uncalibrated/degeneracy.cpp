@@ -86,13 +86,15 @@ std::string name_degeneracy(const UncalibratedScene& scene, std::span<const uint
   for (size_t i = 0; i < point_placed.size(); ++i) {
     if (point_placed[i]) points.push_back(scene.points[i]);
   }
-  if (poses.empty() || points.empty() || lenses_are_known(lenses, sigmas)) return "";
+  if (poses.empty() || points.empty()) return "";
+  // Critical whatever the standard deviations say: where the adjustment ended they may be small by chance.
+  if (largest_rotation(poses) < kSmallAngle) return "pure translation";
+  if (largest_angle_of_axes(poses) < kSmallAngle) return "parallel optical axes";
+  if (lenses_are_known(lenses, sigmas)) return "";
   const Eigen::Vector3d scene_extents = extents(points);
   const double extent = scene_extents[2];
   if (extents(centres)[2] < kSmallShare * extent) return "pure rotation";
   if (scene_extents[0] < kSmallShare * extent) return "planar scene";
-  if (largest_rotation(poses) < kSmallAngle) return "pure translation";
-  if (largest_angle_of_axes(poses) < kSmallAngle) return "parallel optical axes";
   if (miss_of_axes(poses) < kSmallShare * extent) return "optical axes through one point";
   return "undetermined";
 }
