@@ -375,25 +375,23 @@ TEST(BundleAdjuster, HugeAndNanValuesDoNoHarm) {
   }
 }
 
-TEST(BundleAdjuster, ARepeatedWindowAllocatesNothing) {
-  const BundleScene start = make_bundle_scene({.cameras = distorted_rig()});
-  BundleScene first = start, second = start, global = make_bundle_scene({.poses = 40, .free_poses = 40});
-  BundleAdjuster adjuster;
-  adjuster.adjust_two_stage(first.problem(), {}, 4.0);
-  const long before = allocations;
-  adjuster.adjust_two_stage(second.problem(), {}, 4.0);
-  EXPECT_EQ(allocations - before, 0);
-  // With the sparse factor, ordering allocates; the number of iterations does not matter.
-  const auto count = [&](int iterations) {
-    BundleScene scene = global;
-    const long start = allocations;
-    const BundleSummary summary =
-        adjuster.adjust(scene.problem(), {.max_iterations = iterations, .min_relative_decrease = 0});
-    EXPECT_GE(summary.iterations, iterations == 1 ? 1 : 4);
-    return allocations - start;
-  };
-  count(1);
-  EXPECT_EQ(count(1), count(5));
+// Windows, and whole sequences with the sparse factor, under either error, on one thread or two.
+TEST(BundleAdjuster, WhatHasBeenSeenBeforeAllocatesNothing) {
+  for (const bool angular : {false, true}) {
+    for (const int threads : {1, 2}) {
+      for (const int poses : {10, 40}) {
+        BundleScene start = make_bundle_scene({.poses = poses, .free_poses = poses == 10 ? 3 : 40});
+        if (angular) test::observe_rays(&start, AngularWeight::kPixel);
+        BundleScene first = start, second = start;
+        BundleAdjuster adjuster;
+        const BundleOptions options{.min_relative_decrease = 0, .threads = threads};
+        adjuster.adjust_two_stage(first.problem(), options, 4.0);
+        const long before = allocations;
+        adjuster.adjust_two_stage(second.problem(), options, 4.0);
+        EXPECT_EQ(allocations - before, 0) << poses << " poses, " << threads << " threads";
+      }
+    }
+  }
 }
 
 }  // namespace

@@ -1,0 +1,119 @@
+// Growth of the cost of bundle adjustment along a sequence (LBA09 2.6): milliseconds for one more key frame
+// by local adjustment, and for the whole sequence by the global and the hierarchical one; before that table 1
+// of the paper, whose gains are ratios of counted operations, as measured times of one iteration. Single
+// runs; the local figures are medians. One thread.
+//
+//   bundle_growth_benchmark [largest number of key frames] [file.csv]
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include "raysfm/bundle/bundle_adjuster.h"
+#include "raysfm/bundle/bundle_methods.h"
+#include "raysfm/core/timer.h"
+#include "support/bundle_scene.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kTrack = 5;
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+// A sequence with 150 points in an image.
+test::BundleScene sequence(int poses) {
+  return test::make_bundle_scene(
+      {.poses = poses, .free_poses = poses, .points = 30 * poses, .track = kTrack});
+}
+
+// The last `window` poses of a scene, of which the last `free` move, with what they see.
+test::BundleScene last_window(const test::BundleScene& scene, int window, int free) {
+  const int first = static_cast<int>(scene.poses.size()) - window;
+  test::BundleScene part;
+  part.cameras = scene.cameras;
+  part.poses.assign(scene.poses.begin() + first, scene.poses.end());
+  for (int i = 0; i < window; ++i) part.pose_is_free.push_back(i >= window - free);
+  std::vector<int> local(scene.points.size(), -1);
+  for (const BundleObservation& o : scene.observations) {
+    if (o.pose >= static_cast<int>(scene.poses.size()) - free) local[o.point] = 0;
+  }
+  for (size_t p = 0; p < local.size(); ++p) {
+    if (local[p] < 0) continue;
+    local[p] = static_cast<int>(part.points.size());
+    part.points.push_back(scene.points[p]);
+  }
+  for (BundleObservation o : scene.observations) {
+    if (o.pose < first || local[o.point] < 0) continue;
+    o.pose -= first, o.point = local[o.point];
+    part.observations.push_back(o);
+  }
+  part.is_inlier.assign(part.observations.size(), 1);
+  return part;
+}
+
+double time_of(const test::BundleScene& start, int iterations, int runs) {
+  BundleAdjuster adjuster;
+  std::vector<double> ms;
+  for (int i = 0; i < runs; ++i) {
+    test::BundleScene scene = start;
+    const Clock::time_point begin = Clock::now();
+    adjuster.adjust(scene.problem(), {.max_iterations = iterations, .min_relative_decrease = 0});
+    ms.push_back(milliseconds_since(begin));
+  }
+  return median(ms);
+}
+
+void table_1() {
+  constexpr int kRuns = 301;
+  // Ten iterations less one, so that setting up is not counted.
+  const auto iteration = [&](const test::BundleScene& s) {
+    return (time_of(s, 10, kRuns) - time_of(s, 1, kRuns)) / 9;
+  };
+  const test::BundleScene scene = sequence(20);
+  const double global = iteration(scene);
+  std::printf("table 1: one iteration, 20 key frames, 150 points in an image; medians of %d runs\n", kRuns);
+  const struct {
+    const char* name;
+    int free, window;
+    double gain;
+  } rows[] = {{"global", 20, 20, 1}, {"reduction 1", 5, 20, 10}, {"reduction 2", 3, 10, 25}};
+  for (const auto& row : rows) {
+    const double ms = iteration(last_window(scene, row.window, row.free));
+    std::printf("  %-12s n %2d  N %2d  %.4f ms  gain %5.1f  (paper %2.0f)\n", row.name, row.free, row.window,
+                ms, global / ms, row.gain);
+  }
+}
+
+void growth(int largest, const char* csv) {
+  FILE* file = csv ? std::fopen(csv, "w") : nullptr;
+  if (file) std::fprintf(file, "keyframes,local_ms,hierarchical_ms,global_ms\n");
+  std::printf("growth: milliseconds to take in the last key frame (local) or to adjust all (others)\n");
+  for (int poses = 62; poses <= largest; poses = poses * 2 + 1) {
+    const test::BundleScene start = sequence(poses);
+    const double local = time_of(last_window(start, 10, 3), 10, 101);
+    const auto time_method = [&](BundleMethod method) {
+      test::BundleScene scene = start;
+      const Clock::time_point begin = Clock::now();
+      adjust(scene.problem(), method, {});
+      return milliseconds_since(begin);
+    };
+    const double global = time_method(BundleMethod::kGlobal);
+    const double hierarchical = time_method(BundleMethod::kHierarchical);
+    std::printf("  %5d key frames  local %.3f  hierarchical %.1f  global %.1f\n", poses, local, hierarchical,
+                global);
+    if (file) std::fprintf(file, "%d,%g,%g,%g\n", poses, local, hierarchical, global);
+  }
+  if (file) std::fclose(file);
+}
+
+}  // namespace
+}  // namespace raysfm
+
+int main(int argc, char** argv) {
+  raysfm::table_1();
+  raysfm::growth(argc > 1 ? std::atoi(argv[1]) : 2100, argc > 2 ? argv[2] : nullptr);
+}
