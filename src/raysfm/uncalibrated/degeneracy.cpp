@@ -8,7 +8,7 @@ namespace raysfm {
 namespace {
 
 constexpr double kMaxFocalSigma = 0.3;
-constexpr double kSmallAngle = 0.01;  // radians
+constexpr double kSmallAngle = 0.02;  // radians
 constexpr double kSmallShare = 0.01;  // of the extent of the scene
 
 bool lenses_are_known(std::span<const Lens> lenses, std::span<const LensVector> sigma) {
