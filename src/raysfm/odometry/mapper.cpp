@@ -275,7 +275,7 @@ void Mapper::choose_window(const Map& map, int first_observed) {
 // that is nearly flat.
 void Mapper::hold_scale(const Map& map, BundleProblem* problem) const {
   constexpr double kHold = 1e4;
-  if (map.guessed_keyframe < 0 || window_keyframes_[0] != 0) return;
+  if (rig_.central() || map.guessed_keyframe < 0 || window_keyframes_[0] != 0) return;
   problem->scale_prior = {window_pose_of_keyframe_[map.guessed_keyframe], 0, map.guessed_distance, kHold};
 }
 
@@ -284,7 +284,7 @@ void Mapper::hold_scale(const Map& map, BundleProblem* problem) const {
 void Mapper::measure_scale(const BundleOptions& options, BundleProblem problem, Map* map) {
   constexpr int kEvery = 4;  // key frames: the search is worth some hundred adjustments
   constexpr double kSignificance = 6;
-  if (problem.scale_prior.pose < 0 || rig_.central()) return;
+  if (problem.scale_prior.pose < 0) return;
   if (map->keyframes.size() % kEvery != 0) return;
   BundleOptions converging = options;
   converging.max_iterations = 40;
