@@ -16,7 +16,8 @@ constexpr double kMinInlierRatio = 0.55;
 constexpr double kMinSignificance = 28;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
-// While the scale of a rig cannot be told, it is worth waiting for a turn for so many views.
+// While the scale of a rig cannot be told, it is worth waiting for a turn for so many views. Then the first
+// start of unknown scale must do.
 constexpr int kPatienceForScale = 100;
 
 std::vector<PairTracker> trackers_from(const ViewPtr& view) {
@@ -79,6 +80,7 @@ std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
   while (next_ < static_cast<int>(views_.size())) {
     if (auto start = step(mapper)) return start;
   }
+  if (static_cast<int>(views_.size()) >= kPatienceForScale) return std::move(unscaled_);
   return std::nullopt;
 }
 
@@ -98,7 +100,7 @@ std::optional<Start> Starter::step(Mapper& mapper) {
 
   const int third = std::max(current - 1, second_ + 1);
   if (third > current) return std::nullopt;
-  auto start = attempt(second_, third, false, mapper);
+  auto start = attempt(second_, third, mapper);
   if (!start) restart(second_);
   return start;
 }
@@ -110,7 +112,8 @@ std::optional<Start> Starter::finish(Mapper& mapper) {
     return std::nullopt;
   }
   const int second = second_ > first_ && second_ < last ? second_ : (first_ + last) / 2;
-  return attempt(second, last, true, mapper);
+  if (auto start = attempt(second, last, mapper)) return start;
+  return std::move(unscaled_);
 }
 
 std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& views) const {
@@ -165,7 +168,7 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   return start_generic({static_cast<int>(matches.size()), rays, points, views, cameras}, options);
 }
 
-std::optional<Start> Starter::attempt(int second, int third, bool last_chance, Mapper& mapper) {
+std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
   ++attempts_;
   const std::array<int, 3> views = {first_, second, third};
   std::vector<Match> matches = find_matches(views);
@@ -185,8 +188,8 @@ std::optional<Start> Starter::attempt(int second, int third, bool last_chance, M
                             significance));
     return std::nullopt;
   }
-  const bool may_wait = !last_chance && static_cast<int>(views_.size()) < kPatienceForScale;
-  if (rig_.size() > 1 && !geometry.scale_known && may_wait) {
+  if (rig_.size() > 1 && !geometry.scale_known) {
+    if (!unscaled_) unscaled_ = build(views, matches, geometry, mapper);
     fail(count,
          fmt::format("{}: the scale cannot be told: no turn, and no common view of the cameras", frames));
     return std::nullopt;

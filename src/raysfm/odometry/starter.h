@@ -48,7 +48,7 @@ class Starter {
 
  private:
   std::optional<Start> step(Mapper& mapper);
-  std::optional<Start> attempt(int second, int third, bool last_chance, Mapper& mapper);
+  std::optional<Start> attempt(int second, int third, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
   struct Match {
     int camera = 0;
@@ -82,6 +82,7 @@ class Starter {
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;
+  std::optional<Start> unscaled_;  // the first whose scale is not known
 };
 
 }  // namespace raysfm
