@@ -23,6 +23,7 @@ using Command = std::function<Result<int>()>;
 // Each adds one subcommand with its flags to `program` and returns what runs when it is chosen.
 Command add_track(CLI::App& program, const CommonOptions& common);
 Command add_adjust(CLI::App& program, const CommonOptions& common);
+Command add_solve(CLI::App& program, const CommonOptions& common);
 Command add_eval(CLI::App& program, const CommonOptions& common);
 Command add_synth(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);

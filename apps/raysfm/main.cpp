@@ -34,6 +34,7 @@ int run(int argc, char** argv) {
   const std::pair<const char*, Command> commands[] = {
       {"track", add_track(program, common)},
       {"adjust", add_adjust(program, common)},
+      {"solve", add_solve(program, common)},
       {"eval", add_eval(program, common)},
       {"synth", add_synth(program, common)},
       {"camera", add_camera(program, common)},

@@ -1,0 +1,80 @@
+#include "raysfm/api/solve.h"
+
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+
+#include "commands.h"
+#include "raysfm/io/output_folder.h"
+#include "setting_flags.h"
+
+namespace raysfm::app {
+namespace {
+
+std::atomic<bool> stop_requested = false;
+volatile std::sig_atomic_t received_signal = 0;
+
+// The first signal asks for an orderly end, the second ends at once.
+void on_signal(int signal) {
+  received_signal = signal;
+  stop_requested = true;
+  std::signal(signal, SIG_DFL);
+}
+
+struct Arguments {
+  SolveSettings settings;
+  std::string out;
+};
+
+void print_summary(const SolveResult& result, const std::string& out) {
+  const auto posed =
+      std::ranges::count_if(result.frames, [](const auto& f) { return f.cam_from_world.has_value(); });
+  std::printf("%td of %zu frames posed, %zu points, rms %.2f px\n", posed, result.frames.size(),
+              result.points.size(), result.rms_px);
+  std::printf("lens %s: %s\n", result.zooming ? "zooming" : "fixed", result.lens_evidence.c_str());
+  std::printf("%.1f s, %.0f MiB; written to %s\n", result.wall_s, result.peak_rss_mib, out.c_str());
+}
+
+Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+  const SolveSettings& settings = arguments.settings;
+  stop_requested = false;
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  SolveCallbacks callbacks;
+  callbacks.stop = &stop_requested;
+  callbacks.ready = [&]() -> Result<void> {
+    if (auto r = check_solve_output(settings.input, arguments.out); !r) return r;
+    return prepare_output_folder(arguments.out);
+  };
+  callbacks.event = [&](const Event& e) {
+    if (common.quiet) return;
+    std::fprintf(stderr, "%s%s\n", e.level == Event::Level::kWarning ? "warning: " : "", e.message.c_str());
+  };
+  const Result<SolveResult> result = solve(settings, callbacks);
+  if (!result) return result.error();
+  if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
+  if (!common.quiet) print_summary(*result, arguments.out);
+  return result->interrupted ? 128 + received_signal : 0;
+}
+
+}  // namespace
+
+Command add_solve(CLI::App& program, const CommonOptions& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      program.add_subcommand("solve", "unknown or zooming lens: poses, map and lenses from images alone");
+  command->add_option("INPUT", arguments->settings.input, "CSV file of point tracks: image,point,u,v")
+      ->required();
+  command->add_option("--out", arguments->out, "folder for the results")->required();
+  add_setting_flags(*command, setting_fields(arguments->settings));
+  return [arguments, command, &program, &common]() -> Result<int> {
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+      return r.error();
+    }
+    return run(*arguments, common);
+  };
+}
+
+}  // namespace raysfm::app

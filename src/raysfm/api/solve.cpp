@@ -1,0 +1,188 @@
+#include "raysfm/api/solve.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "raysfm/api/solve_input.h"
+#include "raysfm/core/timer.h"
+#include "raysfm/io/tracks_file.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kMaxThreads = 1024;
+
+void tell(const EventSink& event, Event::Level level, const std::string& message) {
+  if (event) event({level, message});
+}
+
+Result<void> validate(SolveSettings settings) {
+  for (const SettingField& field : setting_fields(settings)) {
+    const auto* const* text = std::get_if<std::string*>(&field.value);
+    if (!text || field.allowed.empty()) continue;
+    if (std::ranges::find(field.allowed, **text) != field.allowed.end()) continue;
+    return bad_input(
+        fmt::format("--{} = '{}': must be one of {}", field.name, **text, fmt::join(field.allowed, ", ")));
+  }
+  if (settings.threads < 0 || settings.threads > kMaxThreads) {
+    return bad_input(fmt::format("--threads = {}: must be 0 to {}", settings.threads, kMaxThreads));
+  }
+  if (!(settings.max_error > 0) || !std::isfinite(settings.max_error)) {
+    return bad_input(fmt::format("--max-error = {}: must be above 0, in pixels", settings.max_error));
+  }
+  return {};
+}
+
+SolveOptions options_of(const SolveSettings& settings) {
+  SolveOptions options;
+  if (settings.lens == "fixed") options.lens = LensChange::kFixed;
+  if (settings.lens == "zoom") options.lens = LensChange::kZoom;
+  if (settings.method == "intrinsics-free") options.method = LensMethod::kIntrinsicsFree;
+  if (settings.method == "standard") options.method = LensMethod::kStandard;
+  if (settings.constraints == "lagrange") options.constraints = ConstraintMethod::kLagrange;
+  options.max_error_px = settings.max_error;
+  options.seed = settings.seed;
+  return options;
+}
+
+double peak_rss_mib() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+
+std::string reason_without_pose(int seen, int agreeing) {
+  if (seen < kMinPointsPerImage) {
+    return fmt::format("too few tracks: {}, at least {} are needed", seen, kMinPointsPerImage);
+  }
+  return fmt::format("{} of {} tracks agree with a pose, at least {} are needed", agreeing, seen,
+                     kMinPointsPerImage);
+}
+
+void fill_frames(const SolveInput& input, const UncalibratedReconstruction& found, SolveResult* result) {
+  std::vector<int> seen(input.names.size(), 0), agreeing(input.names.size(), 0);
+  for (int k = 0; k < input.tracks.size(); ++k) {
+    ++seen[input.tracks.image[k]];
+    agreeing[input.tracks.image[k]] += found.inlier[k];
+  }
+  std::optional<Rigid3> world_from_first;
+  for (size_t j = 0; j < input.names.size(); ++j) {
+    SolvedFrame& frame = result->frames.emplace_back();
+    frame.timestamp = input.timestamps[j];
+    frame.image_name = input.names[j];
+    frame.keyframe = input.keyframe[j];
+    if (!found.image_posed[j]) {
+      frame.reason = reason_without_pose(seen[j], agreeing[j]);
+      continue;
+    }
+    const Rigid3& cam_from_found = found.scene.cam_from_world[j];
+    if (!world_from_first) world_from_first = cam_from_found.inverse();
+    frame.cam_from_world = cam_from_found * *world_from_first;
+    frame.lens = found.scene.lenses[j];
+    frame.lens_sigma = found.lens_sigma[j];
+  }
+  const Rigid3 first_from_found = world_from_first ? world_from_first->inverse() : Rigid3{};
+  for (size_t i = 0; i < found.scene.points.size(); ++i) {
+    if (!found.point_placed[i]) continue;
+    SolvedPoint& point = result->points.emplace_back();
+    point.position = first_from_found * found.scene.points[i];
+    if (!input.rgb.empty()) point.rgb = input.rgb[i];
+  }
+}
+
+void fill_observations(const SolveInput& input, const UncalibratedReconstruction& found,
+                       SolveResult* result) {
+  std::vector<int> number(found.point_placed.size(), -1);
+  int placed = 0;
+  for (size_t i = 0; i < number.size(); ++i) {
+    if (found.point_placed[i]) number[i] = placed++;
+  }
+  for (int k = 0; k < input.tracks.size(); ++k) {
+    const int image = input.tracks.image[k];
+    if (!found.inlier[k] || !input.keyframe[image]) continue;
+    result->observations.push_back({image, number[input.tracks.point[k]], input.tracks.pixel[k]});
+  }
+  std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
+}
+
+SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found) {
+  SolveResult result;
+  result.width = static_cast<int>(input.tracks.image_size.x());
+  result.height = static_cast<int>(input.tracks.image_size.y());
+  if (found.lens_sigma.size() != input.names.size()) {
+    found.lens_sigma.assign(input.names.size(), LensVector::Constant(INFINITY));
+  }
+  fill_frames(input, found, &result);
+  fill_observations(input, found, &result);
+  result.zooming = found.zooming;
+  result.lens_evidence = found.lens_evidence;
+  result.degenerate = found.degenerate;
+  result.rms_px = found.rms_px;
+  std::copy_n(found.start_images, 2, result.start_frames);
+  result.start_inliers = found.start_inliers;
+  result.adjustment = std::move(found.adjustment);
+  result.interrupted = input.interrupted;
+  return result;
+}
+
+void warn(const SolveResult& result, const EventSink& event) {
+  if (!result.degenerate.empty()) {
+    tell(event, Event::Level::kWarning,
+         fmt::format("the focal lengths are not determined by these images: {}", result.degenerate));
+  }
+  const auto lost = std::ranges::count_if(result.frames, [](const auto& f) { return !f.cam_from_world; });
+  if (lost > 0) {
+    tell(event, Event::Level::kWarning,
+         fmt::format("{} of {} frames have no pose", lost, result.frames.size()));
+  }
+}
+
+}  // namespace
+
+std::vector<SettingField> setting_fields(SolveSettings& s) {
+  return {
+      {"lens", "whether the lens zooms; auto lets the images decide", &s.lens, {"auto", "fixed", "zoom"}},
+      {"method",
+       "adjustment: intrinsics-free, with the lenses as unknowns, or both in this order",
+       &s.method,
+       {"intrinsics-free", "standard", "polished"}},
+      {"constraints",
+       "how the intrinsics-free adjustment imposes what is known of the lenses",
+       &s.constraints,
+       {"weights", "lagrange"}},
+      {"size", "WIDTHxHEIGHT of the images, for tracks in a file", &s.size, {}},
+      {"max-error", "pixels by which an observation may be off", &s.max_error, {}},
+      {"seed", "seed of every random choice", &s.seed, {}},
+      {"threads", "worker threads; 0 for as many as the machine has", &s.threads, {}},
+  };
+}
+
+Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  const Clock::time_point start = Clock::now();
+  if (auto r = validate(settings); !r) return r.error();
+  if (!is_tracks_file(settings.input)) {
+    return bad_input(fmt::format("{}: not a CSV file of point tracks, image,point,u,v", settings.input));
+  }
+  const Result<SolveInput> input = tracks_from_file(settings, callbacks.event);
+  if (!input) return input.error();
+  if (callbacks.ready) {
+    if (auto r = callbacks.ready(); !r) return r.error();
+  }
+  const double read_s = milliseconds_since(start) / 1000.0;
+  Result<UncalibratedReconstruction> found = reconstruct(input->tracks, options_of(settings));
+  if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
+  SolveResult result = result_of(*input, *std::move(found));
+  warn(result, callbacks.event);
+  result.interrupted = result.interrupted || (callbacks.stop && callbacks.stop->load());
+  result.read_s = read_s;
+  result.wall_s = milliseconds_since(start) / 1000.0;
+  result.solve_s = result.wall_s - read_s;
+  result.peak_rss_mib = peak_rss_mib();
+  return result;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "raysfm/api/config.h"
+#include "raysfm/core/events.h"
+#include "raysfm/core/result.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/uncalibrated/reconstruct.h"
+
+namespace raysfm {
+
+// What `raysfm solve` is told. Field names are those of the command line and of --config.
+struct SolveSettings {
+  std::string input;                    // CSV of point tracks
+  std::string lens = "auto";            // "auto", "fixed" or "zoom"
+  std::string method = "polished";      // "intrinsics-free", "standard" or "polished"
+  std::string constraints = "weights";  // "weights" or "lagrange"
+  std::string size;      // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
+  double max_error = 3;  // pixels, of an inlier; > 0
+  int threads = 0;       // 0: as many as the machine has; never changes a result
+  uint64_t seed = 0;
+};
+
+// All settings but the input. The fields point into `settings`.
+std::vector<SettingField> setting_fields(SolveSettings& settings);
+
+struct SolveCallbacks {
+  EventSink event;
+  // Called once, when everything given has been found good; an error ends the run.
+  std::function<Result<void>()> ready;
+  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
+};
+
+struct SolvedFrame {
+  double timestamp = 0;
+  std::string image_name;
+  bool keyframe = false;
+  std::optional<Rigid3> cam_from_world;        // empty: no pose, and `reason` says why
+  Lens lens;                                   // pixels; valid where there is a pose
+  LensVector lens_sigma = LensVector::Zero();  // infinite where unknown
+  std::string reason;
+};
+
+struct SolvedPoint {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world
+  std::array<uint8_t, 3> rgb = {128, 128, 128};
+};
+
+struct SolvedObservation {
+  int frame = 0;
+  int point = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+// Structure, motion and lenses; the world is the camera of the first frame with a pose, its scale arbitrary.
+struct SolveResult {
+  int width = 0, height = 0;  // of the images
+  std::vector<SolvedFrame> frames;
+  std::vector<SolvedPoint> points;
+  std::vector<SolvedObservation> observations;  // that agree, of key frames, ascending by frame
+  bool zooming = false;
+  std::string lens_evidence;
+  std::string degenerate;  // empty or its name
+  double rms_px = 0;       // over `observations`
+  int start_frames[2] = {-1, -1};
+  int start_inliers = 0;
+  LensAdjustmentSummary adjustment;
+  double read_s = 0, solve_s = 0, wall_s = 0, peak_rss_mib = 0;
+  bool interrupted = false;
+};
+
+// Unknown or zooming lens (IFBA01). Errors: bad input; no reconstruction with the reason.
+Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks);
+
+// Whether writing the results into `folder` would leave the input alone; else bad input.
+Result<void> check_solve_output(const std::filesystem::path& input, const std::filesystem::path& folder);
+
+// Creates the folder where it is missing and writes trajectory.txt, points.ply, lens.csv, sparse/,
+// config.yaml and, last, report.json.
+Result<void> write_solve_output(const SolveResult& result, const SolveSettings& settings,
+                                const std::string& version, const std::filesystem::path& folder);
+
+}  // namespace raysfm

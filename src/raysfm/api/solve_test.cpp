@@ -1,0 +1,137 @@
+#include "raysfm/api/solve.h"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "raysfm/io/colmap_model.h"
+#include "raysfm/io/text_file.h"
+#include "raysfm/uncalibrated/test_scenes.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+using test_scenes::Cube;
+
+class SolveTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::path(testing::TempDir()) /
+              (std::string("solve-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  // Tracks of the cube with 0.1 px of noise, in a file; returns settings that read it.
+  SolveSettings write_tracks(bool zooming) {
+    Rng rng(7);
+    cube_ = test_scenes::make_cube({.images = 10, .points = 60, .zooming = zooming}, &rng);
+    test_scenes::add_noise(0.1, &rng, &cube_.tracks);
+    std::string text = "image,point,u,v\n";
+    for (int k = 0; k < cube_.tracks.size(); ++k) {
+      text += fmt::format("{},{},{:.4f},{:.4f}\n", cube_.tracks.image[k], cube_.tracks.point[k],
+                          cube_.tracks.pixel[k].x(), cube_.tracks.pixel[k].y());
+    }
+    SolveSettings settings;
+    settings.input = (folder_ / "tracks.csv").string();
+    settings.size = "501x501";
+    std::ofstream(settings.input) << text;
+    return settings;
+  }
+  // Error message of a run on a file of this content.
+  Error failure(const std::string& content, SolveSettings settings = {}) {
+    settings.input = (folder_ / "tracks.csv").string();
+    std::ofstream(settings.input) << content;
+    const auto result = solve(settings, {});
+    return result ? Error{ErrorKind::kInternal, "none"} : result.error();
+  }
+
+  fs::path folder_;
+  Cube cube_;
+};
+
+TEST_F(SolveTest, ZoomingLensFromAFileOfTracks) {
+  const auto result = solve(write_tracks(true), {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_TRUE(result->zooming) << result->lens_evidence;
+  ASSERT_EQ(result->frames.size(), 10u);
+  for (size_t j = 0; j < 10; ++j) {
+    ASSERT_TRUE(result->frames[j].cam_from_world);
+    EXPECT_NEAR(result->frames[j].lens.fx / cube_.truth.lenses[j].fx, 1, 0.02) << j;
+    EXPECT_LT(std::abs(result->frames[j].lens.fx - cube_.truth.lenses[j].fx),
+              5 * result->frames[j].lens_sigma[0])
+        << j;
+  }
+}
+
+TEST_F(SolveTest, FixedLensAndFilesThatAgreeWithEachOther) {
+  SolveSettings settings = write_tracks(false);
+  const auto result = solve(settings, {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_FALSE(result->zooming) << result->lens_evidence;
+  EXPECT_NEAR(result->frames[0].lens.fx, 1000, 5);
+  const fs::path out = folder_ / "out";
+  ASSERT_TRUE(write_solve_output(*result, settings, "0", out).ok());
+  for (const char* name : {"trajectory.txt", "points.ply", "lens.csv", "config.yaml", "report.json"}) {
+    EXPECT_TRUE(fs::is_regular_file(out / name)) << name;
+  }
+  // The model stands alone: its cameras, poses and points give its keypoints.
+  const auto model = read_colmap_model(out / "sparse");
+  ASSERT_TRUE(model.ok()) << model.error().message;
+  ASSERT_EQ(model->cameras.size(), 1u);
+  ASSERT_EQ(model->images.size(), 10u);
+  EXPECT_EQ(model->elements.size(), 600u);
+  for (const ColmapPoint& point : model->points) {
+    for (size_t k = point.first_element; k < point.last_element; ++k) {
+      const ColmapImage& image = model->images[model->elements[k].image];
+      const ColmapKeypoint& seen = model->keypoints[image.first_keypoint + model->elements[k].keypoint];
+      const Eigen::Vector3d x = colmap_pose(image) * point.position;
+      const std::vector<double>& c = model->cameras[0].parameters;
+      EXPECT_NEAR(c[0] * x.x() / x.z() + c[2], seen.x, 1);
+      EXPECT_NEAR(c[1] * x.y() / x.z() + c[3], seen.y, 1);
+    }
+  }
+}
+
+TEST_F(SolveTest, SaysWhyThereIsNoReconstruction) {
+  const Error few = failure("image,point,u,v\n0,0,1,2\n1,0,3,4\n");
+  EXPECT_EQ(few.kind, ErrorKind::kNoReconstruction) << few.message;
+  EXPECT_EQ(few.message.find('\n'), std::string::npos);
+  EXPECT_NE(few.message.find("tracks.csv"), std::string::npos);
+  // Tracks that contradict a single rigid scene: pixels at random.
+  Rng rng(1);
+  std::string noise = "image,point,u,v\n";
+  for (int k = 0; k < 300; ++k) {
+    noise += fmt::format("{},{},{:.2f},{:.2f}\n", k / 60, k % 60, rng.uniform(0, 640), rng.uniform(0, 480));
+  }
+  const Error random = failure(noise);
+  EXPECT_EQ(random.kind, ErrorKind::kNoReconstruction) << random.message;
+}
+
+TEST_F(SolveTest, RefusesSettingsThatMeanNothing) {
+  const std::string good = "image,point,u,v\n0,0,1,2\n";
+  SolveSettings settings;
+  settings.lens = "zooming";
+  EXPECT_EQ(failure(good, settings).message, "--lens = 'zooming': must be one of auto, fixed, zoom");
+  settings = {};
+  settings.size = "640";
+  EXPECT_EQ(failure(good, settings).message,
+            "--size = '640': must be WIDTHxHEIGHT, two whole numbers from 1 to 100000");
+  settings = {};
+  settings.max_error = 0;
+  EXPECT_EQ(failure(good, settings).message, "--max-error = 0: must be above 0, in pixels");
+  EXPECT_EQ(failure("image,point,u,v\n").kind, ErrorKind::kBadInput);
+}
+
+TEST_F(SolveTest, DoesNotOverwriteItsInput) {
+  std::ofstream(folder_ / "lens.csv") << "image,point,u,v\n";
+  const auto check = check_solve_output(folder_ / "lens.csv", folder_);
+  ASSERT_FALSE(check.ok());
+  EXPECT_EQ(check.error().kind, ErrorKind::kBadInput);
+  EXPECT_TRUE(check_solve_output(folder_ / "lens.csv", folder_ / "out").ok());
+}
+
+}  // namespace
+}  // namespace raysfm
