@@ -74,7 +74,7 @@ void table_1() {
     return (time_of(s, 10, kRuns) - time_of(s, 1, kRuns)) / 9;
   };
   const test::BundleScene scene = sequence(20);
-  const double global = iteration(scene);
+  double global = 0;  // the first row's
   std::printf("table 1: one iteration, 20 key frames, 150 points in an image; medians of %d runs\n", kRuns);
   const struct {
     const char* name;
@@ -83,6 +83,7 @@ void table_1() {
   } rows[] = {{"global", 20, 20, 1}, {"reduction 1", 5, 20, 10}, {"reduction 2", 3, 10, 25}};
   for (const auto& row : rows) {
     const double ms = iteration(last_window(scene, row.window, row.free));
+    if (global == 0) global = ms;
     std::printf("  %-12s n %2d  N %2d  %.4f ms  gain %5.1f  (paper %2.0f)\n", row.name, row.free, row.window,
                 ms, global / ms, row.gain);
   }
