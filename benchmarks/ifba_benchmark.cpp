@@ -321,8 +321,9 @@ bool follow(const Settings& settings, uint64_t trial, double k, bool deforming,
   std::vector<UncalibratedScene> estimates(kMethods, first.truth);
   for (int instant = 1; instant <= kInstants; ++instant) {
     if (deforming) {
-      for (Eigen::Vector3d& x : shape)
-        x += 0.1 * kDeformation * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal());
+      for (Eigen::Vector3d& x : shape) {
+        x += kDeformation * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal());
+      }
     }
     Cube cube;
     cube.truth = at_instant(first, shape, k, instant);
