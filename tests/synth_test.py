@@ -68,12 +68,12 @@ class Recipes(ProgramTest):
 
     def test_flags_win_and_the_effective_configuration_renders_the_same(self):
         first = self.render("lba09-3-stereo", 2, "--noise", 3, "--rolling-shutter", 0.02)
-        config = (first / "config.yaml").read_text()
+        config = (first / "synth.yaml").read_text()
         self.assertIn("frames: 2", config)
         self.assertIn("noise: 3", config)
         self.assertIn("length: 20", config)
         again = self.folder / "again"
-        done = run("synth", "--config", first / "config.yaml", "--out", again, "--quiet")
+        done = run("synth", "--config", first / "synth.yaml", "--out", again, "--quiet")
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         image = "images/000001.png"
         self.assertEqual((first / image).read_bytes(), (again / image).read_bytes())

@@ -385,5 +385,63 @@ class Interrupted(TrackTest):
         self.interrupt(signal.SIGTERM, 143)
 
 
+class Rigs(TrackTest):
+    """A stereo pair as two streams, and as one image with two parts, rendered here."""
+
+    RIG = """raysfm_camera: 1
+cameras:
+  - {{name: left, model: pinhole, resolution: [320, 240], intrinsics: &k {{fx: 240, fy: 240, cx: 159.5, cy: 119.5}}, {left}}}
+  - {{name: right, model: pinhole, resolution: [320, 240], intrinsics: *k, {right},
+     rig_from_cam: {{rotation: [0, 0, 0, 1], translation: [{x}, 0, 0]}}}}
+"""
+    STREAMS = dict(left="stream: 0", right="stream: 1")
+    PARTS = dict(left="roi: [0, 0, 320, 240]", right="roi: [320, 0, 320, 240]")
+
+    def rig(self, name, x=0.4, streams=STREAMS):
+        return self.file(name, self.RIG.format(x=x, **streams))
+
+    def render(self, camera, name):
+        done = run("synth", "corridor", "--camera", camera, "--frames", 24, "--fps", 15, "--length", 2, "--samples", 1,
+                   "--out", self.folder / name, "--quiet")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return self.folder / name
+
+    def evaluated(self, sequence):
+        done = self.track(sequence)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        report = json.loads((self.out / "report.json").read_text())
+        error = json.loads(run("eval", self.out, sequence, "--align", "se3", "--json").stdout)
+        return report, error
+
+    def test_two_streams_have_metric_scale(self):
+        report, error = self.evaluated(self.render(self.rig("rig.yaml"), "stereo"))
+        self.assertEqual((report["camera_class"], report["scale"], report["error"]), ("axial", "metric", "pixel"))
+        self.assertEqual(report["frames"]["posed"], 24)
+        self.assertLess(error["ate"]["mean"], 0.01 * error["length_m"])
+
+    def test_parts_of_one_image_are_the_same_rig(self):
+        report, error = self.evaluated(self.render(self.rig("rig.yaml", streams=self.PARTS), "composite"))
+        self.assertEqual((report["camera_class"], report["scale"]), ("axial", "metric"))
+        self.assertEqual(report["frames"]["posed"], 24)
+        self.assertLess(error["ate"]["mean"], 0.01 * error["length_m"])
+
+    def test_poses_in_the_opposite_direction_are_noticed(self):
+        stereo = self.render(self.rig("rig.yaml"), "stereo")
+        self.refused("track", stereo, "--camera", self.rig("wrong.yaml", x=-0.4), "--out", self.out, "--quiet",
+                     says=["wrong.yaml", "rig_from_cam", "opposite direction"])
+
+    def test_a_mirror_has_no_pixel_error(self):
+        mirror = self.file("mirror.yaml", """raysfm_camera: 1
+cameras:
+  - name: mirror
+    model: mirror
+    resolution: [64, 48]
+    intrinsics: {fx: 160, fy: 160, cx: 31.5, cy: 23.5}
+    mirror: {radius: 0.1, conic: 0, rim: 0.08, apex: [0, 0, 0.4], rotation: [0, 0, 0, 1], body: 0.02}
+""")
+        self.refused("track", self.images("frames", 3), "--camera", mirror, "--error", "pixel", "--out", self.out,
+                     "--quiet", says=["--error pixel", "mirror", "angular"])
+
+
 if __name__ == "__main__":
     program.main()

@@ -166,7 +166,7 @@ Result<void> SynthOutput::write_rest(const synth::Sequence& sequence, int frames
   if (!sequence.world().landmarks.empty()) {
     if (auto r = write_file(folder_ / "landmarks.csv", landmark_text(sequence.world())); !r) return r;
   }
-  if (auto r = write_file(folder_ / "config.yaml", config); !r) return r;
+  if (auto r = write_file(folder_ / "synth.yaml", config); !r) return r;
   // A camera file would be wrong for all frames of a zoom but one.
   if (sequence.zooms()) return write_lens(sequence, frames);
   if (auto r = write_masks(sequence); !r) return r;

@@ -30,7 +30,7 @@ class SynthOutput {
   Image<uint8_t> render(synth::Sequence& sequence, int frame, const SynthStream& stream) const;
 
   // Everything beside the images, for the first `frames` frames: times.txt, truth.txt, camera.yaml or
-  // lens.csv, masks, landmarks.csv, config.yaml with the text `config`.
+  // lens.csv, masks, landmarks.csv, synth.yaml with the text `config`.
   Result<void> write_rest(const synth::Sequence& sequence, int frames, const std::string& config);
 
  private:
