@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <memory>
+#include <string>
 
 #include "commands.h"
 #include "raysfm/io/output_folder.h"
@@ -52,6 +53,10 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
     if (common.quiet) return;
     std::fprintf(stderr, "%s%s\n", e.level == Event::Level::kWarning ? "warning: " : "", e.message.c_str());
   };
+  callbacks.progress = [&](int frames, int total) {
+    if (common.quiet || frames % 100 != 0) return;
+    std::fprintf(stderr, "frame %d%s\n", frames, total >= 0 ? ("/" + std::to_string(total)).c_str() : "");
+  };
   const Result<SolveResult> result = solve(settings, callbacks);
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
@@ -65,7 +70,9 @@ Command add_solve(CLI::App& program, const CommonOptions& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* command =
       program.add_subcommand("solve", "unknown or zooming lens: poses, map and lenses from images alone");
-  command->add_option("INPUT", arguments->settings.input, "CSV file of point tracks: image,point,u,v")
+  command
+      ->add_option("INPUT", arguments->settings.input,
+                   "video, image folder or pattern, sequence folder, or CSV of point tracks: image,point,u,v")
       ->required();
   command->add_option("--out", arguments->out, "folder for the results")->required();
   add_setting_flags(*command, setting_fields(arguments->settings));

@@ -8,13 +8,17 @@
 #include <cmath>
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
+#include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
 namespace {
 
 constexpr int kMaxThreads = 1024;
+constexpr int kMaxFeatures = 100000;
+constexpr int kMaxImagesAtOnce = 40;
 
 void tell(const EventSink& event, Event::Level level, const std::string& message) {
   if (event) event({level, message});
@@ -30,6 +34,9 @@ Result<void> validate(SolveSettings settings) {
   }
   if (settings.threads < 0 || settings.threads > kMaxThreads) {
     return bad_input(fmt::format("--threads = {}: must be 0 to {}", settings.threads, kMaxThreads));
+  }
+  if (settings.features < 1 || settings.features > kMaxFeatures) {
+    return bad_input(fmt::format("--features = {}: must be 1 to {}", settings.features, kMaxFeatures));
   }
   if (!(settings.max_error > 0) || !std::isfinite(settings.max_error)) {
     return bad_input(fmt::format("--max-error = {}: must be above 0, in pixels", settings.max_error));
@@ -109,6 +116,13 @@ void fill_observations(const SolveInput& input, const UncalibratedReconstruction
   std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
 }
 
+// Photos may see one another in any order; images of a video see their neighbours.
+Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveOptions& options) {
+  const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
+  if (all && input.tracks.image_count <= kMaxImagesAtOnce) return reconstruct(input.tracks, options);
+  return reconstruct_video(input.tracks, input.keyframe, options);
+}
+
 SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found) {
   SolveResult result;
   result.width = static_cast<int>(input.tracks.image_size.x());
@@ -155,6 +169,8 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
        &s.constraints,
        {"weights", "lagrange"}},
       {"size", "WIDTHxHEIGHT of the images, for tracks in a file", &s.size, {}},
+      {"fps", "frames per second of inputs without timestamps", &s.fps, {}},
+      {"features", "corners in an image", &s.features, {}},
       {"max-error", "pixels by which an observation may be off", &s.max_error, {}},
       {"seed", "seed of every random choice", &s.seed, {}},
       {"threads", "worker threads; 0 for as many as the machine has", &s.threads, {}},
@@ -164,16 +180,11 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  if (!is_tracks_file(settings.input)) {
-    return bad_input(fmt::format("{}: not a CSV file of point tracks, image,point,u,v", settings.input));
-  }
-  const Result<SolveInput> input = tracks_from_file(settings, callbacks.event);
+  const Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_from_file(settings, callbacks)
+                                                                  : tracks_from_video(settings, callbacks);
   if (!input) return input.error();
-  if (callbacks.ready) {
-    if (auto r = callbacks.ready(); !r) return r.error();
-  }
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct(input->tracks, options_of(settings));
+  Result<UncalibratedReconstruction> found = reconstruct_input(*input, options_of(settings));
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
   SolveResult result = result_of(*input, *std::move(found));
   warn(result, callbacks.event);

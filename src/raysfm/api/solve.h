@@ -19,11 +19,13 @@ namespace raysfm {
 
 // What `raysfm solve` is told. Field names are those of the command line and of --config.
 struct SolveSettings {
-  std::string input;                    // CSV of point tracks
-  std::string lens = "auto";            // "auto", "fixed" or "zoom"
-  std::string method = "polished";      // "intrinsics-free", "standard" or "polished"
+  std::string input;                // video, image folder or pattern, sequence folder, or CSV of point tracks
+  std::string lens = "auto";        // "auto", "fixed" or "zoom"
+  std::string method = "polished";  // "intrinsics-free", "standard" or "polished"
   std::string constraints = "weights";  // "weights" or "lagrange"
   std::string size;      // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
+  double fps = 0;        // frames per second of inputs without timestamps; 0: unknown
+  int features = 1000;   // corners in an image, > 0
   double max_error = 3;  // pixels, of an inlier; > 0
   int threads = 0;       // 0: as many as the machine has; never changes a result
   uint64_t seed = 0;
@@ -36,7 +38,8 @@ struct SolveCallbacks {
   EventSink event;
   // Called once, when everything given has been found good; an error ends the run.
   std::function<Result<void>()> ready;
-  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
+  std::function<void(int frames, int total)> progress;  // while frames are read; total -1: unknown
+  const std::atomic<bool>* stop = nullptr;              // set it to end early with what there is
 };
 
 struct SolvedFrame {

@@ -36,7 +36,7 @@ Eigen::Vector2d guess_size(const std::vector<Eigen::Vector2d>& pixels) {
 
 }  // namespace
 
-Result<SolveInput> tracks_from_file(const SolveSettings& settings, const EventSink& event) {
+Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   Eigen::Vector2d size = Eigen::Vector2d::Zero();
   if (!settings.size.empty()) {
     const Result<Eigen::Vector2d> given = parse_size(settings.size);
@@ -54,10 +54,11 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const EventSi
       return bad_input(fmt::format("{}: the pixels do not tell the size of the images; give it with --size",
                                    settings.input));
     }
-    if (event) {
-      event({Event::Level::kWarning,
-             fmt::format("the images are taken to be {}x{}, as the tracks suggest; --size says it for sure",
-                         size.x(), size.y())});
+    if (callbacks.event) {
+      callbacks.event(
+          {Event::Level::kWarning,
+           fmt::format("the images are taken to be {}x{}, as the tracks suggest; --size says it for sure",
+                       size.x(), size.y())});
     }
   }
   SolveInput input;
@@ -70,6 +71,9 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const EventSi
   input.timestamps = std::move(file->timestamps);
   input.names = std::move(file->images);
   input.keyframe.assign(input.names.size(), 1);
+  if (callbacks.ready) {
+    if (auto r = callbacks.ready(); !r) return r.error();
+  }
   return input;
 }
 

@@ -21,6 +21,6 @@ struct SolveInput {
 };
 
 // A file of tracks; every image is a key frame. Errors: bad input.
-Result<SolveInput> tracks_from_file(const SolveSettings& settings, const EventSink& event);
+Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

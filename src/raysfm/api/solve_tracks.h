@@ -1,0 +1,40 @@
+#pragma once
+
+#include <deque>
+#include <vector>
+
+#include "raysfm/api/solve_input.h"
+#include "raysfm/odometry/pair_tracker.h"
+
+namespace raysfm {
+
+// Joins the corners of a video to tracks, before any geometry is known. Key frames are chosen where the image
+// has moved far enough; the corners of the latest key frames are followed through every frame, and a corner
+// of a key frame that belongs to no track begins one.
+class TrackJoiner {
+ public:
+  // The next frame; views of one camera.
+  void add(const ViewPtr& view);
+  int frames() const { return static_cast<int>(input_.names.size()); }
+
+  // Tracks that two frames see, in the order in which they began.
+  SolveInput finish();
+
+ private:
+  struct Followed {
+    PairTracker tracker;
+    std::vector<int> track;  // of each corner of its base
+  };
+
+  bool keyframe_needed(int matched) const;
+  void make_keyframe(const ViewPtr& view, std::vector<int> track_of_corner);
+
+  SolveInput input_;
+  std::deque<Followed> followed_;  // the newest key frame first
+  std::vector<int> last_frame_;    // that saw a track
+};
+
+// Tracks of a video or of images in order, without a calibration. Errors: bad input.
+Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks);
+
+}  // namespace raysfm

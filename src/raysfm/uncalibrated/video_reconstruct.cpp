@@ -1,0 +1,220 @@
+#include "raysfm/uncalibrated/video_reconstruct.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "raysfm/uncalibrated/degeneracy.h"
+#include "raysfm/uncalibrated/video_growth.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kStartImages = 16;  // key frames
+constexpr int kStarts = 5;        // stretches tried
+constexpr double kSureFocal = 0.01;
+
+// The stretch [first, last) of the key frames alone.
+struct Stretch {
+  PointTracks tracks;
+  std::vector<int> images, points;  // in the whole, by index in the stretch
+  std::vector<int> observations;
+};
+
+Stretch cut(const PointTracks& tracks, std::span<const int> images) {
+  Stretch stretch;
+  stretch.images.assign(images.begin(), images.end());
+  std::vector<int> image_number(tracks.image_count, -1), seen(tracks.point_count, 0);
+  std::vector<int> point_number(tracks.point_count, -1);
+  for (size_t j = 0; j < images.size(); ++j) image_number[images[j]] = static_cast<int>(j);
+  for (int k = 0; k < tracks.size(); ++k) seen[tracks.point[k]] += image_number[tracks.image[k]] >= 0;
+  for (int i = 0; i < tracks.point_count; ++i) {
+    if (seen[i] < 3) continue;
+    point_number[i] = static_cast<int>(stretch.points.size());
+    stretch.points.push_back(i);
+  }
+  stretch.tracks.image_count = static_cast<int>(images.size());
+  stretch.tracks.point_count = static_cast<int>(stretch.points.size());
+  stretch.tracks.image_size = tracks.image_size;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = image_number[tracks.image[k]], point = point_number[tracks.point[k]];
+    if (image < 0 || point < 0) continue;
+    stretch.tracks.add(image, point, tracks.pixel[k]);
+    stretch.observations.push_back(k);
+  }
+  return stretch;
+}
+
+UncalibratedReconstruction put_into(const PointTracks& tracks, const Stretch& stretch,
+                                    const UncalibratedReconstruction& part) {
+  UncalibratedReconstruction whole = part;
+  whole.scene.cam_from_world.assign(tracks.image_count, Rigid3{});
+  whole.scene.lenses.assign(tracks.image_count, Lens{});
+  whole.scene.points.assign(tracks.point_count, Eigen::Vector3d::Zero());
+  whole.image_posed.assign(tracks.image_count, 0);
+  whole.point_placed.assign(tracks.point_count, 0);
+  whole.inlier.assign(tracks.size(), 0);
+  for (size_t j = 0; j < stretch.images.size(); ++j) {
+    whole.scene.cam_from_world[stretch.images[j]] = part.scene.cam_from_world[j];
+    whole.scene.lenses[stretch.images[j]] = part.scene.lenses[j];
+    whole.image_posed[stretch.images[j]] = part.image_posed[j];
+  }
+  for (size_t i = 0; i < stretch.points.size(); ++i) {
+    whole.scene.points[stretch.points[i]] = part.scene.points[i];
+    whole.point_placed[stretch.points[i]] = part.point_placed[i];
+  }
+  for (size_t k = 0; k < stretch.observations.size(); ++k) {
+    whole.inlier[stretch.observations[k]] = part.inlier[k];
+  }
+  for (int& image : whole.start_images) image = image < 0 ? -1 : stretch.images[image];
+  return whole;
+}
+
+// How well a start knows its focal lengths and how much of its stretch it reached; the less the better.
+double doubt(const UncalibratedReconstruction& start) {
+  std::vector<double> sigmas;
+  int posed = 0;
+  for (size_t j = 0; j < start.image_posed.size(); ++j) {
+    if (!start.image_posed[j]) continue;
+    ++posed;
+    const double sigma = start.lens_sigma.empty() ? INFINITY : start.lens_sigma[j][0];
+    sigmas.push_back(std::min(1e3, sigma / start.scene.lenses[j].fx));
+  }
+  if (posed < 3) return INFINITY;
+  std::ranges::nth_element(sigmas, sigmas.begin() + posed / 2);
+  return sigmas[posed / 2] * double(start.image_posed.size()) / posed;
+}
+
+// The best of a few stretches of key frames.
+Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const std::vector<int>& keyframes,
+                                              const SolveOptions& options) {
+  const int count = static_cast<int>(keyframes.size());
+  const int length = std::min(count, kStartImages);
+  const int starts = count > length ? std::clamp(2 * count / length, 2, kStarts) : 1;
+  Result<UncalibratedReconstruction> best =
+      no_reconstruction("start: no stretch of the video determines one");
+  double least = INFINITY;
+  for (int s = 0; s < starts && least > kSureFocal; ++s) {
+    const int first = starts > 1 ? (count - length) * s / (starts - 1) : 0;
+    const Stretch stretch = cut(tracks, std::span(keyframes).subspan(first, length));
+    const auto part = reconstruct(stretch.tracks, options);
+    if (!part && !best && !std::isfinite(least)) best = part.error();
+    if (!part || !(doubt(*part) < least)) continue;
+    least = doubt(*part);
+    best = put_into(tracks, stretch, *part);
+  }
+  return best;
+}
+
+Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                         const SolveOptions& options) {
+  std::vector<int> keyframes;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    if (keyframe[j]) keyframes.push_back(j);
+  }
+  Result<UncalibratedReconstruction> result = find_start(tracks, keyframes, options);
+  if (!result) return result;
+  VideoGrowth growth(tracks, keyframe, options, &*result);
+  if (auto grown = growth.run(); !grown) return grown.error();
+  std::vector<uint8_t> posed = result->image_posed;
+  for (int j = 0; j < tracks.image_count; ++j) posed[j] &= keyframe[j];
+  result->degenerate =
+      name_degeneracy(result->scene, posed, result->point_placed, result->adjustment.lens_sigma);
+  return result;
+}
+
+// Of the observations in key frames that either reconstruction explains.
+struct Comparison {
+  double fixed = 0, zoom = 0;  // sums of squared errors, each at most the largest allowed
+  int observations = 0, images = 0, points = 0;
+};
+
+Comparison compare(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                   const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom,
+                   double max_error) {
+  Comparison c;
+  const auto square = [&](const UncalibratedReconstruction& r, int k) {
+    if (!r.inlier[k]) return max_error * max_error;
+    const Eigen::Vector3d x = r.scene.cam_from_world[tracks.image[k]] * r.scene.points[tracks.point[k]];
+    return (r.scene.lenses[tracks.image[k]].pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm();
+  };
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!keyframe[tracks.image[k]] || !(fixed.inlier[k] || zoom.inlier[k])) continue;
+    // What only one reached says nothing of the lens.
+    if (!fixed.image_posed[tracks.image[k]] || !zoom.image_posed[tracks.image[k]]) continue;
+    if (!fixed.point_placed[tracks.point[k]] || !zoom.point_placed[tracks.point[k]]) continue;
+    c.fixed += square(fixed, k);
+    c.zoom += square(zoom, k);
+    ++c.observations;
+  }
+  for (int j = 0; j < tracks.image_count; ++j) {
+    c.images += keyframe[j] && fixed.image_posed[j] && zoom.image_posed[j];
+  }
+  for (int i = 0; i < tracks.point_count; ++i) c.points += fixed.point_placed[i] && zoom.point_placed[i];
+  return c;
+}
+
+// Standard deviation of the logarithm of the focal length over the key frames.
+double focal_spread(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                    const UncalibratedReconstruction& r) {
+  double sum = 0, square = 0;
+  int count = 0;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    if (!keyframe[j] || !r.image_posed[j]) continue;
+    const double log_focal = std::log(r.scene.lenses[j].fx);
+    sum += log_focal, square += log_focal * log_focal, ++count;
+  }
+  return count > 0 ? std::sqrt(std::max(0.0, square / count - std::pow(sum / count, 2))) : 0;
+}
+
+// A lens for each image adds three numbers to each; they must lower the cost by more than the Bayesian
+// information criterion asks for, and mean a change of the focal length that is one.
+bool zooms(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+           const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom, double max_error,
+           std::string* evidence) {
+  constexpr double kLeastSpread = 0.01;
+  const Comparison c = compare(tracks, keyframe, fixed, zoom, max_error);
+  const double freedom = std::max(1.0, 2.0 * c.observations - 9.0 * c.images - 3.0 * c.points + 7);
+  const double gain = (c.fixed - c.zoom) / std::max(c.zoom / freedom, 1e-12);
+  const double needed = 3.0 * std::max(1, c.images - 1) * std::log(std::max(2, 2 * c.observations));
+  const double spread = focal_spread(tracks, keyframe, zoom);
+  const bool zooming = gain > needed && spread > kLeastSpread;
+  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
+  *evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
+              " px with one for each image over the same observations: " + std::to_string(gain) +
+              " variances less, more than " + std::to_string(needed) +
+              " mean zooming where the focal length changes by more than 1 %; it changes by " +
+              std::to_string(100 * spread) + " %";
+  return zooming;
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
+                                                     std::span<const uint8_t> keyframe,
+                                                     const SolveOptions& options) {
+  if (auto ok = validate(tracks); !ok) return ok.error();
+  if (static_cast<int>(keyframe.size()) != tracks.image_count) {
+    return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
+                     std::to_string(tracks.image_count));
+  }
+  if (options.lens != LensChange::kAuto) return build(tracks, keyframe, options);
+  SolveOptions one = options, many = options;
+  one.lens = LensChange::kFixed;
+  many.lens = LensChange::kZoom;
+  auto fixed = build(tracks, keyframe, one);
+  auto zoom = build(tracks, keyframe, many);
+  if (!fixed && !zoom) return fixed;
+  std::string evidence;
+  bool zooming = !fixed;
+  if (fixed && zoom) {
+    zooming = zooms(tracks, keyframe, *fixed, *zoom, options.max_error_px, &evidence);
+  } else {
+    evidence = std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens");
+  }
+  auto& chosen = zooming ? zoom : fixed;
+  chosen->lens_evidence = evidence;
+  return std::move(chosen);
+}
+
+}  // namespace raysfm
