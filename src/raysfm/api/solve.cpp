@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
@@ -18,7 +19,6 @@ namespace {
 
 constexpr int kMaxThreads = 1024;
 constexpr int kMaxFeatures = 100000;
-constexpr int kMaxImagesAtOnce = 40;
 
 void tell(const EventSink& event, Event::Level level, const std::string& message) {
   if (event) event({level, message});
@@ -116,10 +116,20 @@ void fill_observations(const SolveInput& input, const UncalibratedReconstruction
   std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
 }
 
+Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  if (is_tracks_file(settings.input)) return tracks_from_file(settings, callbacks);
+  Result<SolveInput> video = tracks_from_video(settings, callbacks);
+  if (!video || video->interrupted || !looks_like_photos(*video)) return video;
+  tell(callbacks.event, Event::Level::kInfo,
+       "too little of an image is found again in the next for a video; every image is compared with every "
+       "other");
+  return tracks_from_photos(settings, callbacks);
+}
+
 // Photos may see one another in any order; images of a video see their neighbours.
 Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveOptions& options) {
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
-  if (all && input.tracks.image_count <= kMaxImagesAtOnce) return reconstruct(input.tracks, options);
+  if (all && input.tracks.image_count <= kMaxPhotos) return reconstruct(input.tracks, options);
   return reconstruct_video(input.tracks, input.keyframe, options);
 }
 
@@ -180,8 +190,7 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  const Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_from_file(settings, callbacks)
-                                                                  : tracks_from_video(settings, callbacks);
+  const Result<SolveInput> input = read_input(settings, callbacks);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_input(*input, options_of(settings));

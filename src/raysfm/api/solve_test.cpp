@@ -8,6 +8,7 @@
 #include "raysfm/io/colmap_model.h"
 #include "raysfm/io/text_file.h"
 #include "raysfm/uncalibrated/test_scenes.h"
+#include "support/shared_data.h"
 
 namespace raysfm {
 namespace {
@@ -123,6 +124,23 @@ TEST_F(SolveTest, RefusesSettingsThatMeanNothing) {
   settings.max_error = 0;
   EXPECT_EQ(failure(good, settings).message, "--max-error = 0: must be above 0, in pixels");
   EXPECT_EQ(failure("image,point,u,v\n").kind, ErrorKind::kBadInput);
+}
+
+TEST_F(SolveTest, ImagesGiveTheLensThatACalibrationFound) {
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA("fountain-p11");
+  SolveSettings settings;
+  settings.input = testing_support::shared_data("fountain-p11").string();
+  settings.lens = "fixed";
+  std::string said;
+  SolveCallbacks callbacks;
+  callbacks.event = [&](const Event& e) { said += e.message + "\n"; };
+  const auto result = solve(settings, callbacks);
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_NE(said.find("camera.yaml is not used"), std::string::npos) << said;
+  ASSERT_EQ(result->frames.size(), 11u);
+  for (const SolvedFrame& frame : result->frames) EXPECT_TRUE(frame.cam_from_world) << frame.reason;
+  EXPECT_NEAR(result->frames[0].lens.fx, 1381, 14);  // mean of the calibrated fx and fy
+  EXPECT_EQ(result->degenerate, "");
 }
 
 TEST_F(SolveTest, DoesNotOverwriteItsInput) {
