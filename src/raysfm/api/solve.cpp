@@ -116,14 +116,16 @@ void fill_observations(const SolveInput& input, const UncalibratedReconstruction
   std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
 }
 
+Result<SolveInput> read_photos(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  tell(callbacks.event, Event::Level::kInfo, "this is no video; every image is compared with every other");
+  return tracks_from_photos(settings, callbacks);
+}
+
 Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   if (is_tracks_file(settings.input)) return tracks_from_file(settings, callbacks);
   Result<SolveInput> video = tracks_from_video(settings, callbacks);
   if (!video || video->interrupted || !looks_like_photos(*video)) return video;
-  tell(callbacks.event, Event::Level::kInfo,
-       "too little of an image is found again in the next for a video; every image is compared with every "
-       "other");
-  return tracks_from_photos(settings, callbacks);
+  return read_photos(settings, callbacks);
 }
 
 // Photos may see one another in any order; images of a video see their neighbours.
@@ -190,10 +192,17 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  const Result<SolveInput> input = read_input(settings, callbacks);
+  Result<SolveInput> input = read_input(settings, callbacks);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_input(*input, options_of(settings));
+  // A few images that do not go as a video may still go as photos.
+  if (!found && !is_tracks_file(settings.input) && input->tracks.image_count <= kMaxPhotos &&
+      !input->interrupted) {
+    input = read_photos(settings, callbacks);
+    if (!input) return input.error();
+    found = reconstruct_input(*input, options_of(settings));
+  }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
   SolveResult result = result_of(*input, *std::move(found));
   warn(result, callbacks.event);
