@@ -59,7 +59,8 @@ TEST(CameraFacts, AFisheyeSeesBehindItself) {
   // r = f theta: f pixels per radian outwards, f theta / sin(theta) around; their mean is the geometric one.
   const double corner = std::hypot(279.5, 279.5) / 168.871771;
   EXPECT_NEAR(facts.centre_pixels_per_degree, 168.871771 / kDegrees, 1e-3);
-  EXPECT_NEAR(facts.max_pixels_per_degree, 168.871771 / kDegrees * std::sqrt(corner / std::sin(corner)), 1e-2);
+  EXPECT_NEAR(facts.max_pixels_per_degree, 168.871771 / kDegrees * std::sqrt(corner / std::sin(corner)),
+              1e-2);
 }
 
 TEST(CameraFacts, AMirrorIsNonCentralAndMirrored) {

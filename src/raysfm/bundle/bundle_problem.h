@@ -29,8 +29,8 @@ struct BalLens {
 };
 
 // What is believed of the scale of a world that its observations hardly tell, so that it cannot drift along a
-// flat valley (rays of a mirror nearly meet in a point): adds weight / 2 log^2(|c - c0| / distance) to the cost,
-// c and c0 the origins of the rigs at `pose` and `from`. `from` must not be free; distance > 0.
+// flat valley (rays of a mirror nearly meet in a point): adds weight / 2 log^2(|c - c0| / distance) to the
+// cost, c and c0 the origins of the rigs at `pose` and `from`. `from` must not be free; distance > 0.
 struct ScalePrior {
   int pose = -1;  // -1: no prior
   int from = 0;

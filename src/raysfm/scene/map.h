@@ -48,8 +48,8 @@ struct MapKeyFrame {
 struct Map {
   std::vector<MapKeyFrame> keyframes;  // in time order
   std::vector<Track> tracks;
-  // The scale is that of the rig's calibration. Where the start did not tell it, the distance from key frame 0
-  // to this one stands for it, and is held until enough has been seen to measure it.
+  // The scale is that of the rig's calibration. Where the start did not tell it, the distance from key frame
+  // 0 to this one stands for it, and is held until enough has been seen to measure it.
   bool scale_measured = false;
   int guessed_keyframe = -1;
   double guessed_distance = 0;
