@@ -78,8 +78,8 @@ void PinholeResiduals(const PinholeInRig& camera, const double* u, const double*
     const Vec inverse = hn::Div(hn::Set(d, 1.0), pz);
     const Vec x = hn::Mul(px, inverse), y = hn::Mul(py, inverse);
     const Mask valid = hn::And(hn::Gt(pz, zero), hn::Lt(dot(x, x, y, y), limit));
-    const Vec r0 = hn::Sub(hn::Add(hn::Mul(fx, x), hn::Set(d, camera.cx)), hn::Load(d, u + lane));
-    const Vec r1 = hn::Sub(hn::Add(hn::Mul(fy, y), hn::Set(d, camera.cy)), hn::Load(d, v + lane));
+    const Vec r0 = hn::Sub(hn::Add(hn::Mul(fx, x), hn::Set(d, camera.cx)), hn::LoadU(d, u + lane));
+    const Vec r1 = hn::Sub(hn::Add(hn::Mul(fy, y), hn::Set(d, camera.cy)), hn::LoadU(d, v + lane));
     StoreResidual(valid, r0, r1, block, lane);
     const Vec fx_z = hn::Mul(fx, inverse), fy_z = hn::Mul(fy, inverse);
     StoreRow(TimesRotation({fx_z, zero, hn::Neg(hn::Mul(fx_z, x))}, r), block->jacobian, lane);
@@ -121,8 +121,8 @@ void LensResiduals(const BalLens& lens, const double* u, const double* v, Observ
     const Vec g = hn::Add(hn::Set(d, 1.0), hn::Mul(s, hn::Add(k1, hn::Mul(k2, s))));
     const Vec h = hn::Add(hn::Add(k1, k1), hn::Mul(hn::Set(d, 4.0), hn::Mul(k2, s)));
     const Vec fg = hn::Mul(f, g), fh = hn::Mul(f, h);
-    const Vec r0 = hn::Sub(hn::Mul(fg, px), hn::Load(d, u + lane));
-    const Vec r1 = hn::Sub(hn::Mul(fg, py), hn::Load(d, v + lane));
+    const Vec r0 = hn::Sub(hn::Mul(fg, px), hn::LoadU(d, u + lane));
+    const Vec r1 = hn::Sub(hn::Mul(fg, py), hn::LoadU(d, v + lane));
     StoreResidual(hn::Lt(x.z, hn::Zero(d)), r0, r1, block, lane);
     const auto row = [&](Vec by_px, Vec by_py) HWY_ATTR {
       const Vec by_z = dot(by_px, px, by_py, py);
