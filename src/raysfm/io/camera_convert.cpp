@@ -163,7 +163,7 @@ Result<std::vector<CameraFileText>> format_cameras(const Rig& rig, std::string_v
                                    camera.name, model_name(camera.model), format,
                                    fmt::join(known->models, ", ")));
     }
-    const CameraModel chosen = *usable;
+    const CameraModel& chosen = *usable;
     camera.model = chosen;
   }
   return known->write(written);
