@@ -1,10 +1,7 @@
 #include "raysfm/api/adjust.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
-#include <atomic>
-#include <csignal>
 #include <cstdio>
 #include <memory>
 
@@ -12,19 +9,10 @@
 #include "raysfm/core/timer.h"
 #include "raysfm/io/output_folder.h"
 #include "setting_flags.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
-
-std::atomic<bool> stop_requested = false;
-volatile std::sig_atomic_t received_signal = 0;
-
-// The first signal asks for an orderly end, the second ends at once.
-void on_signal(int signal) {
-  received_signal = signal;
-  stop_requested = true;
-  std::signal(signal, SIG_DFL);
-}
 
 struct Arguments {
   AdjustSettings settings;
@@ -32,31 +20,19 @@ struct Arguments {
 };
 
 // A line that rewrites itself on a terminal, a plain line every other second elsewhere.
-class ProgressPrinter {
+class ProgressPrinter : public ProgressLine {
  public:
-  explicit ProgressPrinter(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+  using ProgressLine::ProgressLine;
 
   void show(const IterationInfo& info) {
     ++iterations_;
-    const double pause_ms = terminal_ ? 50 : 2000;
-    if (quiet_ || (iterations_ > 1 && milliseconds_since(shown_) < pause_ms)) return;
+    const double pause_ms = terminal() ? 50 : 2000;
+    if (quiet() || (iterations_ > 1 && milliseconds_since(shown_) < pause_ms)) return;
     shown_ = Clock::now();
-    std::fprintf(stderr, "%siteration %d, cost %.6g%s", terminal_ ? "\r" : "", iterations_, info.cost,
-                 terminal_ ? "\033[K" : "\n");
-    dirty_ = terminal_;
-  }
-  void line(const std::string& text) {
-    if (quiet_) return;
-    finish();
-    std::fprintf(stderr, "%s\n", text.c_str());
-  }
-  void finish() {
-    if (dirty_) std::fputc('\n', stderr);
-    dirty_ = false;
+    ProgressLine::show(fmt::format("iteration {}, cost {:.6g}", iterations_, info.cost));
   }
 
  private:
-  bool quiet_, terminal_, dirty_ = false;
   int iterations_ = 0;
   Clock::time_point shown_;
 };
@@ -74,26 +50,22 @@ void print_summary(const AdjustResult& result, const std::string& out) {
 
 Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   const AdjustSettings& settings = arguments.settings;
-  stop_requested = false;
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
+  const StopSignals stop;
   ProgressPrinter printer(common.quiet);
   AdjustCallbacks callbacks;
-  callbacks.stop = &stop_requested;
+  callbacks.stop = stop.requested();
   callbacks.ready = [&]() -> Result<void> {
     if (auto r = check_adjust_output(settings.input, arguments.out); !r) return r;
     return prepare_output_folder(arguments.out);
   };
   callbacks.progress = [&](const IterationInfo& info) { printer.show(info); };
-  callbacks.event = [&](const Event& e) {
-    printer.line((e.level == Event::Level::kWarning ? "warning: " : "") + e.message);
-  };
+  callbacks.event = [&](const Event& e) { printer.event(e); };
   const Result<AdjustResult> result = adjust(settings, callbacks);
   printer.finish();
   if (!result) return result.error();
   if (auto r = write_adjust_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);
-  return result->interrupted ? 128 + received_signal : 0;
+  return result->interrupted ? stop.exit_code() : 0;
 }
 
 }  // namespace

@@ -1,8 +1,6 @@
 #include "raysfm/api/solve.h"
 
 #include <algorithm>
-#include <atomic>
-#include <csignal>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -10,19 +8,10 @@
 #include "commands.h"
 #include "raysfm/io/output_folder.h"
 #include "setting_flags.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
-
-std::atomic<bool> stop_requested = false;
-volatile std::sig_atomic_t received_signal = 0;
-
-// The first signal asks for an orderly end, the second ends at once.
-void on_signal(int signal) {
-  received_signal = signal;
-  stop_requested = true;
-  std::signal(signal, SIG_DFL);
-}
 
 struct Arguments {
   SolveSettings settings;
@@ -40,19 +29,15 @@ void print_summary(const SolveResult& result, const std::string& out) {
 
 Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   const SolveSettings& settings = arguments.settings;
-  stop_requested = false;
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
+  const StopSignals stop;
+  ProgressLine printer(common.quiet);
   SolveCallbacks callbacks;
-  callbacks.stop = &stop_requested;
+  callbacks.stop = stop.requested();
   callbacks.ready = [&]() -> Result<void> {
     if (auto r = check_solve_output(settings.input, arguments.out); !r) return r;
     return prepare_output_folder(arguments.out);
   };
-  callbacks.event = [&](const Event& e) {
-    if (common.quiet) return;
-    std::fprintf(stderr, "%s%s\n", e.level == Event::Level::kWarning ? "warning: " : "", e.message.c_str());
-  };
+  callbacks.event = [&](const Event& e) { printer.event(e); };
   callbacks.progress = [&](int frames, int total) {
     if (common.quiet || frames % 100 != 0) return;
     std::fprintf(stderr, "frame %d%s\n", frames, total >= 0 ? ("/" + std::to_string(total)).c_str() : "");
@@ -61,7 +46,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);
-  return result->interrupted ? 128 + received_signal : 0;
+  return result->interrupted ? stop.exit_code() : 0;
 }
 
 }  // namespace

@@ -1,8 +1,5 @@
 #include <fmt/format.h>
-#include <unistd.h>
 
-#include <atomic>
-#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -12,19 +9,10 @@
 #include "raysfm/api/track.h"
 #include "raysfm/io/output_folder.h"
 #include "setting_flags.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
-
-std::atomic<bool> stop_requested = false;
-volatile std::sig_atomic_t received_signal = 0;
-
-// The first signal asks for an orderly end, the second ends at once.
-void on_signal(int signal) {
-  received_signal = signal;
-  stop_requested = true;
-  std::signal(signal, SIG_DFL);
-}
 
 struct Arguments {
   TrackSettings settings;
@@ -32,30 +20,15 @@ struct Arguments {
 };
 
 // A line that rewrites itself on a terminal, now and then a plain line elsewhere.
-class ProgressPrinter {
+class ProgressPrinter : public ProgressLine {
  public:
-  explicit ProgressPrinter(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+  using ProgressLine::ProgressLine;
 
   void show(const TrackProgress& p) {
-    if (quiet_ || (!terminal_ && p.frames % 100 != 0) || (terminal_ && p.frames % 5 != 0)) return;
-    char total[32] = "";
-    if (p.total >= 0) std::snprintf(total, sizeof total, "/%d", p.total);
-    std::fprintf(stderr, "%sframe %d%s, %d posed%s", terminal_ ? "\r" : "", p.frames, total, p.posed,
-                 terminal_ ? "\033[K" : "\n");
-    dirty_ = terminal_;
+    if (quiet() || (!terminal() && p.frames % 100 != 0) || (terminal() && p.frames % 5 != 0)) return;
+    const std::string total = p.total >= 0 ? fmt::format("/{}", p.total) : "";
+    ProgressLine::show(fmt::format("frame {}{}, {} posed", p.frames, total, p.posed));
   }
-  void line(const std::string& text) {
-    if (quiet_) return;
-    finish();
-    std::fprintf(stderr, "%s\n", text.c_str());
-  }
-  void finish() {
-    if (dirty_) std::fputc('\n', stderr);
-    dirty_ = false;
-  }
-
- private:
-  bool quiet_, terminal_, dirty_ = false;
 };
 
 void print_summary(const TrackResult& result, const std::string& out) {
@@ -88,17 +61,13 @@ Result<void> prepare_output(const TrackSettings& settings, const std::string& ou
 
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
   TrackSettings& settings = arguments.settings;
-  stop_requested = false;
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
+  const StopSignals stop;
   ProgressPrinter printer(common.quiet);
   TrackCallbacks callbacks;
-  callbacks.stop = &stop_requested;
+  callbacks.stop = stop.requested();
   callbacks.ready = [&] { return prepare_output(settings, arguments.out); };
   callbacks.progress = [&](const TrackProgress& p) { printer.show(p); };
-  callbacks.event = [&](const Event& e) {
-    printer.line((e.level == Event::Level::kWarning ? "warning: " : "") + e.message);
-  };
+  callbacks.event = [&](const Event& e) { printer.event(e); };
   Result<TrackResult> result = track(settings, callbacks);
   printer.finish();
   if (!result) return result.error();
@@ -109,7 +78,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
     return r.error();
   }
   if (!common.quiet) print_summary(*result, arguments.out);
-  if (result->interrupted) return 128 + received_signal;
+  if (result->interrupted) return stop.exit_code();
   if (result->reconstruction.segments.empty()) return no_reconstruction(first_reason(result->reconstruction));
   return 0;
 }

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include <thread>
 
 #include "raysfm/api/adjust_model.h"
+#include "raysfm/core/memory.h"
 #include "raysfm/core/timer.h"
 
 namespace raysfm {
@@ -69,12 +69,6 @@ AdjustTask task_of(const AdjustSettings& settings, const AdjustCallbacks& callba
     return !callbacks.stop || !callbacks.stop->load();
   };
   return task;
-}
-
-double peak_rss_mib() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
 bool is_folder(const fs::path& path) {

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_tracks.h"
+#include "raysfm/core/memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
@@ -54,12 +54,6 @@ SolveOptions options_of(const SolveSettings& settings) {
   options.max_error_px = settings.max_error;
   options.seed = settings.seed;
   return options;
-}
-
-double peak_rss_mib() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
 std::string reason_without_pose(int seen, int agreeing) {

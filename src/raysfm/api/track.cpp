@@ -1,7 +1,6 @@
 #include "raysfm/api/track.h"
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <thread>
@@ -9,6 +8,7 @@
 #include "raysfm/api/sight_mask.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_class.h"
+#include "raysfm/core/memory.h"
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
@@ -121,12 +121,6 @@ void explain_blind_frames(const std::vector<int>& corners, Reconstruction* recon
     if (frame.world_from_rig || corners[i] >= kMinCorners) continue;
     frame.reason = fmt::format("too few corners: {}, at least {} are needed", corners[i], kMinCorners);
   }
-}
-
-double peak_rss_mib() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
 Report make_report(const TrackSettings& settings, const Odometry& odometry, const StageTiming& decode) {

@@ -1,0 +1,59 @@
+#include "terminal.h"
+
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdio>
+
+namespace raysfm::app {
+namespace {
+
+std::atomic<bool> stop_requested = false;
+volatile std::sig_atomic_t received_signal = 0;
+
+void on_signal(int signal) {
+  received_signal = signal;
+  stop_requested = true;
+  std::signal(signal, SIG_DFL);
+}
+
+}  // namespace
+
+StopSignals::StopSignals() {
+  stop_requested = false;
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+}
+
+const std::atomic<bool>* StopSignals::requested() const {
+  return &stop_requested;
+}
+
+int StopSignals::exit_code() const {
+  return 128 + received_signal;
+}
+
+ProgressLine::ProgressLine(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+
+void ProgressLine::show(const std::string& text) {
+  if (quiet_) return;
+  std::fprintf(stderr, "%s%s%s", terminal_ ? "\r" : "", text.c_str(), terminal_ ? "\033[K" : "\n");
+  dirty_ = terminal_;
+}
+
+void ProgressLine::line(const std::string& text) {
+  if (quiet_) return;
+  finish();
+  std::fprintf(stderr, "%s\n", text.c_str());
+}
+
+void ProgressLine::event(const Event& event) {
+  line((event.level == Event::Level::kWarning ? "warning: " : "") + event.message);
+}
+
+void ProgressLine::finish() {
+  if (dirty_) std::fputc('\n', stderr);
+  dirty_ = false;
+}
+
+}  // namespace raysfm::app

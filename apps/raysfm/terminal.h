@@ -1,0 +1,38 @@
+#pragma once
+
+#include <atomic>
+#include <string>
+
+#include "raysfm/core/events.h"
+
+namespace raysfm::app {
+
+// SIGINT and SIGTERM from here on: the first asks for an orderly end, the second ends at once.
+class StopSignals {
+ public:
+  StopSignals();
+
+  // Set by the first signal.
+  const std::atomic<bool>* requested() const;
+  // Of a run that a signal ended.
+  int exit_code() const;
+};
+
+// One line of progress on stderr, rewritten in place on a terminal and written as plain lines elsewhere, and
+// lines of text between. Nothing where quiet.
+class ProgressLine {
+ public:
+  explicit ProgressLine(bool quiet);
+
+  bool quiet() const { return quiet_; }
+  bool terminal() const { return terminal_; }
+  void show(const std::string& text);
+  void line(const std::string& text);
+  void event(const Event& event);
+  void finish();
+
+ private:
+  bool quiet_, terminal_, dirty_ = false;
+};
+
+}  // namespace raysfm::app
