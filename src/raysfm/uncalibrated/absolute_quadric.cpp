@@ -103,7 +103,7 @@ std::optional<Eigen::Matrix4d> metric_upgrade(std::span<const Matrix34d> views, 
   for (const Matrix34d& p : scaled) sign += (p * q * p.transpose())(2, 2) / p.row(2).squaredNorm();
   if (sign < 0) q = -q;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(q);
-  const Eigen::Vector4d values = eigen.eigenvalues();  // ascending
+  const Eigen::Vector4d& values = eigen.eigenvalues();  // ascending
   if (!(values[1] > 1e-12 * values[3]) || !values.allFinite()) return std::nullopt;
   Eigen::Matrix4d upgrade;
   for (int k = 0; k < 3; ++k) upgrade.col(k) = std::sqrt(values[3 - k]) * eigen.eigenvectors().col(3 - k);
