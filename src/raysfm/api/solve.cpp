@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <thread>
 
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
@@ -12,6 +13,7 @@
 #include "raysfm/core/memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
+#include "raysfm/uncalibrated/known_structure.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -38,10 +40,19 @@ Result<void> validate(SolveSettings settings) {
   if (settings.features < 1 || settings.features > kMaxFeatures) {
     return bad_input(fmt::format("--features = {}: must be 1 to {}", settings.features, kMaxFeatures));
   }
+  if (!settings.structure.empty() && !is_tracks_file(settings.input)) {
+    return bad_input(fmt::format("--structure = '{}': allowed with a file of tracks only, {} is none",
+                                 settings.structure, settings.input));
+  }
   if (!(settings.max_error > 0) || !std::isfinite(settings.max_error)) {
     return bad_input(fmt::format("--max-error = {}: must be above 0, in pixels", settings.max_error));
   }
   return {};
+}
+
+int threads_of(const SolveSettings& settings) {
+  return settings.threads > 0 ? settings.threads
+                              : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
 SolveOptions options_of(const SolveSettings& settings) {
@@ -81,7 +92,7 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
       continue;
     }
     const Rigid3& cam_from_found = found.scene.cam_from_world[j];
-    if (!world_from_first) world_from_first = cam_from_found.inverse();
+    if (!world_from_first) world_from_first = found.world_is_given ? Rigid3{} : cam_from_found.inverse();
     frame.cam_from_world = cam_from_found * *world_from_first;
     frame.lens = found.scene.lenses[j];
     frame.lens_sigma = found.lens_sigma[j];
@@ -123,10 +134,17 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
 }
 
 // Photos may see one another in any order; images of a video see their neighbours.
-Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveOptions& options) {
+Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveSettings& settings,
+                                                     const SolveCallbacks& callbacks) {
+  const SolveOptions options = options_of(settings);
+  if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
   if (all && input.tracks.image_count <= kMaxPhotos) return reconstruct(input.tracks, options);
-  return reconstruct_video(input.tracks, input.keyframe, options);
+  VideoControl control{.threads = threads_of(settings), .progress = {}, .stop = callbacks.stop};
+  if (callbacks.progress) {
+    control.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
+  }
+  return reconstruct_video(input.tracks, input.keyframe, options, control);
 }
 
 SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found) {
@@ -141,6 +159,9 @@ SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found)
   result.zooming = found.zooming;
   result.lens_evidence = found.lens_evidence;
   result.degenerate = found.degenerate;
+  result.radial = found.radial;
+  result.radial_sigma = found.radial_sigma;
+  result.world_is_given = found.world_is_given;
   result.rms_px = found.rms_px;
   std::copy_n(found.start_images, 2, result.start_frames);
   result.start_inliers = found.start_inliers;
@@ -175,6 +196,10 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
        &s.constraints,
        {"weights", "lagrange"}},
       {"size", "WIDTHxHEIGHT of the images, for tracks in a file", &s.size, {}},
+      {"structure",
+       "CSV of known positions of the points of a file of tracks: point,x,y,z",
+       &s.structure,
+       {}},
       {"fps", "frames per second of inputs without timestamps", &s.fps, {}},
       {"features", "corners in an image", &s.features, {}},
       {"max-error", "pixels by which an observation may be off", &s.max_error, {}},
@@ -189,13 +214,13 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   Result<SolveInput> input = read_input(settings, callbacks);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct_input(*input, options_of(settings));
+  Result<UncalibratedReconstruction> found = reconstruct_input(*input, settings, callbacks);
   // A few images that do not go as a video may still go as photos.
   if (!found && !is_tracks_file(settings.input) && input->tracks.image_count <= kMaxPhotos &&
       !input->interrupted) {
     input = read_photos(settings, callbacks);
     if (!input) return input.error();
-    found = reconstruct_input(*input, options_of(settings));
+    found = reconstruct_input(*input, settings, callbacks);
   }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
   SolveResult result = result_of(*input, *std::move(found));

@@ -23,11 +23,12 @@ struct SolveSettings {
   std::string lens = "auto";        // "auto", "fixed" or "zoom"
   std::string method = "polished";  // "intrinsics-free", "standard" or "polished"
   std::string constraints = "weights";  // "weights" or "lagrange"
-  std::string size;      // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
-  double fps = 0;        // frames per second of inputs without timestamps; 0: unknown
-  int features = 1000;   // corners in an image, > 0
-  double max_error = 3;  // pixels, of an inlier; > 0
-  int threads = 0;       // 0: as many as the machine has; never changes a result
+  std::string size;       // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
+  std::string structure;  // CSV of known positions of the points of a file of tracks; empty: none known
+  double fps = 0;         // frames per second of inputs without timestamps; 0: unknown
+  int features = 1000;    // corners in an image, > 0
+  double max_error = 3;   // pixels, of an inlier; > 0
+  int threads = 0;        // 0: as many as the machine has; never changes a result
   uint64_t seed = 0;
 };
 
@@ -38,8 +39,9 @@ struct SolveCallbacks {
   EventSink event;
   // Called once, when everything given has been found good; an error ends the run.
   std::function<Result<void>()> ready;
-  std::function<void(int frames, int total)> progress;  // while frames are read; total -1: unknown
-  const std::atomic<bool>* stop = nullptr;              // set it to end early with what there is
+  // What is being done, e.g. "frame", and how many of them; total -1: unknown. One call at a time.
+  std::function<void(const char* stage, int done, int total)> progress;
+  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
 };
 
 struct SolvedFrame {
@@ -63,7 +65,8 @@ struct SolvedObservation {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
 };
 
-// Structure, motion and lenses; the world is the camera of the first frame with a pose, its scale arbitrary.
+// Structure, motion and lenses; the world is the camera of the first frame with a pose, its scale arbitrary,
+// unless it is given.
 struct SolveResult {
   int width = 0, height = 0;  // of the images
   std::vector<SolvedFrame> frames;
@@ -71,8 +74,10 @@ struct SolveResult {
   std::vector<SolvedObservation> observations;  // that agree, of key frames, ascending by frame
   bool zooming = false;
   std::string lens_evidence;
-  std::string degenerate;  // empty or its name
-  double rms_px = 0;       // over `observations`
+  std::string degenerate;                 // empty or its name
+  RadialDistortion radial, radial_sigma;  // of all images; none unless it was estimated
+  bool world_is_given = false;            // the world and the scale are those of the known structure
+  double rms_px = 0;                      // over `observations`
   int start_frames[2] = {-1, -1};
   int start_inliers = 0;
   LensAdjustmentSummary adjustment;

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <string_view>
+#include <unordered_map>
 
 #include "raysfm/io/text_file.h"
 #include "raysfm/io/tracks_file.h"
@@ -32,6 +34,43 @@ Eigen::Vector2d guess_size(const std::vector<Eigen::Vector2d>& pixels) {
     high = high.cwiseMax(p);
   }
   return (high + low.cwiseMax(0)).array().ceil() + 1;
+}
+
+// Keeps the observations of points that the file knows, with their positions.
+Result<void> keep_known(const SolveSettings& settings, const std::vector<std::string>& points,
+                        const EventSink& event, SolveInput* input) {
+  const Result<StructureFile> known = read_structure_file(settings.structure);
+  if (!known) return known.error();
+  std::unordered_map<std::string_view, size_t> place;
+  for (size_t i = 0; i < known->points.size(); ++i) place.emplace(known->points[i], i);
+  std::vector<int> number(points.size(), -1);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const auto found = place.find(points[i]);
+    if (found == place.end()) continue;
+    number[i] = static_cast<int>(input->structure.size());
+    input->structure.push_back(known->positions[found->second]);
+  }
+  const size_t missing = points.size() - input->structure.size();
+  if (input->structure.empty()) {
+    return bad_input(fmt::format("--structure = '{}': has none of the points of {}, '{}' for one",
+                                 settings.structure, settings.input, shown(points[0])));
+  }
+  if (missing > 0 && event) {
+    event({Event::Level::kWarning, fmt::format("{} of {} points are not in {} and are left out", missing,
+                                               points.size(), settings.structure)});
+  }
+  PointTracks kept{.image_count = input->tracks.image_count,
+                   .point_count = static_cast<int>(input->structure.size()),
+                   .image_size = input->tracks.image_size,
+                   .image = {},
+                   .point = {},
+                   .pixel = {}};
+  for (int k = 0; k < input->tracks.size(); ++k) {
+    const int point = number[input->tracks.point[k]];
+    if (point >= 0) kept.add(input->tracks.image[k], point, input->tracks.pixel[k]);
+  }
+  input->tracks = std::move(kept);
+  return {};
 }
 
 }  // namespace
@@ -71,6 +110,9 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCa
   input.timestamps = std::move(file->timestamps);
   input.names = std::move(file->images);
   input.keyframe.assign(input.names.size(), 1);
+  if (!settings.structure.empty()) {
+    if (auto r = keep_known(settings, file->points, callbacks.event, &input); !r) return r.error();
+  }
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }

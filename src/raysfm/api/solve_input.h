@@ -17,6 +17,7 @@ struct SolveInput {
   std::vector<std::string> names;           // of the images
   std::vector<uint8_t> keyframe;            // 1: takes part in the start and the adjustment
   std::vector<std::array<uint8_t, 3>> rgb;  // of the points; empty: unknown
+  std::vector<Eigen::Vector3d> structure;   // known positions of the points; empty: unknown
   bool interrupted = false;                 // ends where the caller asked to stop
 };
 

@@ -47,6 +47,13 @@ std::vector<LensOfFrame> lenses_of(const SolveResult& result) {
 
 // COLMAP counts pixels from the corner of the first one and knows no skew.
 ColmapCamera camera_of(const SolveResult& result, const Lens& lens, uint32_t id) {
+  if (!result.radial.none()) {
+    return {.id = id,
+            .model = find_colmap_model("RADIAL")->id,
+            .width = static_cast<uint64_t>(result.width),
+            .height = static_cast<uint64_t>(result.height),
+            .parameters = {lens.fx, lens.cx + 0.5, lens.cy + 0.5, result.radial.k1, result.radial.k2}};
+  }
   const ColmapCameraModel* pinhole = find_colmap_model("PINHOLE");
   return {.id = id,
           .model = pinhole->id,
@@ -138,7 +145,12 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
   json["image_size"] = {result.width, result.height};
   json["camera_class"] = "central";
   json["error"] = "pixel";
-  json["scale"] = "arbitrary";
+  json["distortion"] = result.radial.none() ? Json()
+                                            : Json{{"k1", result.radial.k1},
+                                                   {"k2", result.radial.k2},
+                                                   {"k1_sigma", result.radial_sigma.k1},
+                                                   {"k2_sigma", result.radial_sigma.k2}};
+  json["scale"] = result.world_is_given ? "metric" : "arbitrary";
   json["frames"] = frames_of(result);
   json["keyframes"] = keyframes;
   json["points"] = result.points.size();
@@ -149,9 +161,10 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
   json["termination"] = std::string(to_string(lm.termination));
   json["segments"] =
       Json::array({{{"first", 0}, {"last", result.frames.size() - 1}, {"reason", "end of input"}}});
-  json["start"] = {{"method", "fundamental matrix and absolute dual quadric"},
-                   {"frames", {result.start_frames[0], result.start_frames[1]}},
-                   {"inliers", result.start_inliers}};
+  json["start"] = {
+      {"method", result.world_is_given ? "known structure" : "fundamental matrix and absolute dual quadric"},
+      {"frames", {result.start_frames[0], result.start_frames[1]}},
+      {"inliers", result.start_inliers}};
   json["timing"] = {{"read_s", result.read_s},
                     {"solve_s", result.solve_s},
                     {"wall_s", result.wall_s},
@@ -185,10 +198,13 @@ Result<void> write_solve_output(const SolveResult& result, const SolveSettings& 
                                 const std::string& version, const fs::path& folder) {
   Result<void> written = prepare_output_folder(folder);
   if (written) {
-    written = write_trajectory(trajectory_of(result),
-                               "every frame with a pose: world from camera; axes x right, y down, z forward; "
-                               "Hamilton quaternion\nscale: arbitrary\ntimestamp tx ty tz qx qy qz qw",
-                               folder / "trajectory.txt");
+    written =
+        write_trajectory(trajectory_of(result),
+                         "every frame with a pose: world from camera; axes x right, y down, z forward; "
+                         "Hamilton quaternion\nscale: " +
+                             std::string(result.world_is_given ? "of the known structure" : "arbitrary") +
+                             "\ntimestamp tx ty tz qx qy qz qw",
+                         folder / "trajectory.txt");
   }
   if (written) written = write_points(result, folder / "points.ply");
   if (written) written = write_lens_file(lenses_of(result), folder / "lens.csv");

@@ -18,14 +18,23 @@ namespace {
 
 constexpr uintmax_t kMaxBytes = uintmax_t{2} << 30;
 constexpr double kMaxPixel = 1e6;
+constexpr double kMaxPosition = 1e9;
 constexpr std::string_view kHeader = "image,point,u,v";
+constexpr std::string_view kStructureHeader = "point,x,y,z";
 
 std::string_view trimmed(std::string_view text) {
   const size_t first = text.find_first_not_of(" \t\r"), last = text.find_last_not_of(" \t\r");
   return first == std::string_view::npos ? std::string_view() : text.substr(first, last - first + 1);
 }
 
-// The four fields of a line; false where there are more or fewer.
+// A line behind the header and its four fields.
+struct Row {
+  int line = 0;
+  std::string where;  // file and line
+  std::array<std::string_view, 4> fields;
+};
+
+// False where there are more or fewer fields.
 bool split_fields(std::string_view line, std::array<std::string_view, 4>* fields) {
   for (size_t i = 0; i < 4; ++i) {
     const size_t comma = line.find(',');
@@ -36,12 +45,37 @@ bool split_fields(std::string_view line, std::array<std::string_view, 4>* fields
   return true;
 }
 
-bool is_header(std::string_view line) {
+bool is_header(std::string_view line, std::string_view header) {
   std::string plain;
   for (const char c : line) {
     if (c != ' ' && c != '\t') plain += c;
   }
-  return plain == kHeader;
+  return plain == header;
+}
+
+// Calls `take` with every row behind the header until it complains; the first `names` fields are not empty.
+template <typename Take>
+Result<void> read_rows(const std::filesystem::path& path, const std::string& text, std::string_view header,
+                       int names, Take take) {
+  const std::vector<TextLine> lines = content_lines(text);
+  if (lines.empty() || !is_header(lines[0].text, header)) {
+    return bad_input(fmt::format("{}:{}: '{}' is not allowed, the header line {} is", path.string(),
+                                 lines.empty() ? 1 : lines[0].number,
+                                 lines.empty() ? "" : shown(lines[0].text), header));
+  }
+  Row row;
+  for (size_t i = 1; i < lines.size(); ++i) {
+    row.line = lines[i].number;
+    row.where = fmt::format("{}:{}", path.string(), lines[i].number);
+    const bool split = split_fields(lines[i].text, &row.fields);
+    if (!split || std::any_of(row.fields.begin(), row.fields.begin() + names,
+                              [](std::string_view field) { return field.empty(); })) {
+      return bad_input(fmt::format("{}: '{}' is not allowed, four fields are: {}", row.where,
+                                   shown(lines[i].text), header));
+    }
+    if (auto taken = take(row); !taken) return taken;
+  }
+  return {};
 }
 
 // Numbers of names, in order of appearance.
@@ -106,18 +140,21 @@ int find_duplicate(const TracksFile& file) {
   return duplicate;
 }
 
-Result<Eigen::Vector2d> parse_pixel(std::string_view u, std::string_view v, const std::string& where) {
-  Eigen::Vector2d pixel;
-  const std::pair<const char*, std::string_view> fields[] = {{"u", u}, {"v", v}};
-  for (int i = 0; i < 2; ++i) {
-    const std::optional<double> value = parse_number(fields[i].second);
-    if (!value || !(std::abs(*value) <= kMaxPixel)) {
-      return bad_input(fmt::format("{}: {} = '{}' is not allowed, a number from {} to {} is", where,
-                                   fields[i].first, shown(fields[i].second), -kMaxPixel, kMaxPixel));
+// The last N fields of a row, finite and at most `largest` to either side.
+template <int N>
+Result<Eigen::Matrix<double, N, 1>> parse_numbers(const Row& row, const std::array<const char*, N>& names,
+                                                  double largest) {
+  Eigen::Matrix<double, N, 1> numbers;
+  for (int i = 0; i < N; ++i) {
+    const std::string_view field = row.fields[4 - N + i];
+    const std::optional<double> value = parse_number(field);
+    if (!value || !(std::abs(*value) <= largest)) {
+      return bad_input(fmt::format("{}: {} = '{}' is not allowed, a number from {} to {} is", row.where,
+                                   names[i], shown(field), -largest, largest));
     }
-    pixel[i] = *value;
+    numbers[i] = *value;
   }
-  return pixel;
+  return numbers;
 }
 
 }  // namespace
@@ -134,35 +171,47 @@ bool is_tracks_file(const std::filesystem::path& path) {
 Result<TracksFile> read_tracks_file(const std::filesystem::path& path) {
   const Result<std::string> text = read_text_file(path, kMaxBytes);
   if (!text) return text.error();
-  const std::vector<TextLine> lines = content_lines(*text);
-  if (lines.empty() || !is_header(lines[0].text)) {
-    return bad_input(fmt::format("{}:{}: '{}' is not allowed, the header line {} is", path.string(),
-                                 lines.empty() ? 1 : lines[0].number,
-                                 lines.empty() ? "" : shown(lines[0].text), kHeader));
-  }
   TracksFile file;
   Names images, points;
-  for (size_t i = 1; i < lines.size(); ++i) {
-    const std::string where = fmt::format("{}:{}", path.string(), lines[i].number);
-    std::array<std::string_view, 4> fields;
-    if (!split_fields(lines[i].text, &fields) || fields[0].empty() || fields[1].empty()) {
-      return bad_input(
-          fmt::format("{}: '{}' is not allowed, four fields are: {}", where, shown(lines[i].text), kHeader));
-    }
-    const Result<Eigen::Vector2d> pixel = parse_pixel(fields[2], fields[3], where);
+  std::vector<int> lines;
+  const auto read = read_rows(path, *text, kHeader, 2, [&](const Row& row) -> Result<void> {
+    const auto pixel = parse_numbers<2>(row, {"u", "v"}, kMaxPixel);
     if (!pixel) return pixel.error();
-    file.image.push_back(images.number_of(fields[0]));
-    file.point.push_back(points.number_of(fields[1]));
+    file.image.push_back(images.number_of(row.fields[0]));
+    file.point.push_back(points.number_of(row.fields[1]));
     file.pixel.push_back(*pixel);
-  }
+    lines.push_back(row.line);
+    return {};
+  });
+  if (!read) return read.error();
   file.images = std::move(images.names());
   file.points = std::move(points.names());
   if (const int k = find_duplicate(file); k >= 0) {
     return bad_input(fmt::format("{}:{}: point '{}' is seen in image '{}' a second time, once is allowed",
-                                 path.string(), lines[k + 1].number, shown(file.points[file.point[k]]),
+                                 path.string(), lines[k], shown(file.points[file.point[k]]),
                                  shown(file.images[file.image[k]])));
   }
   put_images_in_order(&file);
+  return file;
+}
+
+Result<StructureFile> read_structure_file(const std::filesystem::path& path) {
+  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  if (!text) return text.error();
+  StructureFile file;
+  Names points;
+  const auto read = read_rows(path, *text, kStructureHeader, 1, [&](const Row& row) -> Result<void> {
+    const auto position = parse_numbers<3>(row, {"x", "y", "z"}, kMaxPosition);
+    if (!position) return position.error();
+    if (points.number_of(row.fields[0]) < static_cast<int>(file.positions.size())) {
+      return bad_input(fmt::format("{}: point '{}' is there a second time, once is allowed", row.where,
+                                   shown(row.fields[0])));
+    }
+    file.positions.push_back(*position);
+    return {};
+  });
+  if (!read) return read.error();
+  file.points = std::move(points.names());
   return file;
 }
 

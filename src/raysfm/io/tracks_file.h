@@ -20,6 +20,12 @@ struct TracksFile {
   std::vector<Eigen::Vector2d> pixel;  // centre of the first pixel at (0, 0)
 };
 
+// Points of known positions, such as the corners of a board.
+struct StructureFile {
+  std::vector<std::string> points;         // names, no one twice
+  std::vector<Eigen::Vector3d> positions;  // one for each, in a unit of the file's own
+};
+
 // Whether the name ends in .csv or the content begins like such a file.
 bool is_tracks_file(const std::filesystem::path& path);
 
@@ -27,5 +33,8 @@ bool is_tracks_file(const std::filesystem::path& path);
 // Empty lines and lines that begin with # are passed over. Errors: bad input, naming file, line, field, value
 // and what is allowed.
 Result<TracksFile> read_tracks_file(const std::filesystem::path& path);
+
+// Reads `point,x,y,z` behind a header line of just these names; otherwise as read_tracks_file().
+Result<StructureFile> read_structure_file(const std::filesystem::path& path);
 
 }  // namespace raysfm

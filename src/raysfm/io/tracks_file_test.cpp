@@ -67,6 +67,27 @@ TEST_F(TracksFileTest, SaysWhatIsWrongAndWhere) {
             ":5: point '1' is seen in image '1' a second time, once is allowed");
 }
 
+TEST_F(TracksFileTest, StructureIsPointsAndPositions) {
+  std::ofstream(path_) << "point,x,y,z\na,1,2.5,-3\n# board\n7,0,0,1e2\n";
+  const auto file = read_structure_file(path_);
+  ASSERT_TRUE(file.ok()) << file.error().message;
+  EXPECT_EQ(file->points, (std::vector<std::string>{"a", "7"}));
+  EXPECT_EQ(file->positions[0], Eigen::Vector3d(1, 2.5, -3));
+  EXPECT_EQ(file->positions[1], Eigen::Vector3d(0, 0, 100));
+  const auto complaint = [&](const std::string& content) {
+    std::ofstream(path_) << content;
+    const auto read = read_structure_file(path_);
+    return read ? "none" : read.error().message.substr(path_.string().size());
+  };
+  EXPECT_EQ(complaint("image,point,u,v\n"),
+            ":1: 'image,point,u,v' is not allowed, the header line point,x,y,z is");
+  EXPECT_EQ(complaint("point,x,y,z\na,1,2\n"), ":2: 'a,1,2' is not allowed, four fields are: point,x,y,z");
+  EXPECT_EQ(complaint("point,x,y,z\na,1,2,inf\n"),
+            ":2: z = 'inf' is not allowed, a number from -1000000000 to 1000000000 is");
+  EXPECT_EQ(complaint("point,x,y,z\na,1,2,3\nb,1,2,3\na,1,2,3\n"),
+            ":4: point 'a' is there a second time, once is allowed");
+}
+
 TEST_F(TracksFileTest, IsKnownByNameOrContent) {
   std::ofstream(path_) << "x";
   EXPECT_TRUE(is_tracks_file(path_));

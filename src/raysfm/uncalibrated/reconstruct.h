@@ -7,6 +7,7 @@
 #include "raysfm/core/result.h"
 #include "raysfm/uncalibrated/lens_adjustment.h"
 #include "raysfm/uncalibrated/point_tracks.h"
+#include "raysfm/uncalibrated/radial_distortion.h"
 
 namespace raysfm {
 
@@ -31,6 +32,9 @@ struct UncalibratedReconstruction {
   std::vector<uint8_t> point_placed;   // one per point
   std::vector<uint8_t> inlier;         // one per observation
   std::vector<LensVector> lens_sigma;  // one per image, infinite where unknown
+  RadialDistortion radial;             // of all images; none unless it was asked for
+  RadialDistortion radial_sigma;       // standard deviations
+  bool world_is_given = false;         // the world is that of known points, its scale theirs
   bool zooming = false;
   std::string lens_evidence;       // why the lens was taken for fixed or zooming, one line
   std::string degenerate;          // empty, or the name of the degenerate motion or structure
