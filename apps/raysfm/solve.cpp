@@ -18,6 +18,18 @@ struct Arguments {
   std::string out;
 };
 
+// A line that rewrites itself on a terminal, now and then a plain line elsewhere.
+class ProgressPrinter : public ProgressLine {
+ public:
+  using ProgressLine::ProgressLine;
+
+  void show(const char* stage, int done, int total) {
+    if (quiet() || (!terminal() && done % 100 != 0)) return;
+    ProgressLine::show(std::string(stage) + " " + std::to_string(done) +
+                       (total >= 0 ? "/" + std::to_string(total) : ""));
+  }
+};
+
 void print_summary(const SolveResult& result, const std::string& out) {
   const auto posed =
       std::ranges::count_if(result.frames, [](const auto& f) { return f.cam_from_world.has_value(); });
@@ -30,7 +42,7 @@ void print_summary(const SolveResult& result, const std::string& out) {
 Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   const SolveSettings& settings = arguments.settings;
   const StopSignals stop;
-  ProgressLine printer(common.quiet);
+  ProgressPrinter printer(common.quiet);
   SolveCallbacks callbacks;
   callbacks.stop = stop.requested();
   callbacks.ready = [&]() -> Result<void> {
@@ -38,11 +50,9 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
     return prepare_output_folder(arguments.out);
   };
   callbacks.event = [&](const Event& e) { printer.event(e); };
-  callbacks.progress = [&](int frames, int total) {
-    if (common.quiet || frames % 100 != 0) return;
-    std::fprintf(stderr, "frame %d%s\n", frames, total >= 0 ? ("/" + std::to_string(total)).c_str() : "");
-  };
+  callbacks.progress = [&](const char* stage, int done, int total) { printer.show(stage, done, total); };
   const Result<SolveResult> result = solve(settings, callbacks);
+  printer.finish();
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);

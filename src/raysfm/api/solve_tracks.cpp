@@ -48,19 +48,46 @@ bool TrackJoiner::keyframe_needed(int matched) const {
          matched < kKeyframeShare * base.features.size();
 }
 
-void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<int> track_of_corner) {
+void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings) {
   const CameraView& camera = view->cameras[0];
+  Followed followed{PairTracker(view, 0), {}, {}};
   for (int i = 0; i < camera.features.size(); ++i) {
-    if (track_of_corner[i] >= 0) continue;
-    const Eigen::Vector2f& pixel = camera.features.pixels[i];
-    track_of_corner[i] = input_.tracks.point_count++;
-    last_frame_.push_back(frames() - 1);
-    input_.rgb.push_back(color_at(camera, pixel));
-    input_.tracks.add(frames() - 1, track_of_corner[i], pixel.cast<double>());
+    Sighting& seen = sightings[i];
+    if (seen.track < 0) {
+      seen = {input_.tracks.point_count++, camera.features.pixels[i]};
+      last_frame_.push_back(frames() - 1);
+      input_.rgb.push_back(color_at(camera, seen.place));
+      input_.tracks.add(frames() - 1, seen.track, seen.place.cast<double>());
+    }
+    followed.track.push_back(seen.track);
+    followed.place.push_back(seen.place);
   }
   input_.keyframe.back() = 1;
-  followed_.push_front({PairTracker(view, 0), std::move(track_of_corner)});
+  followed_.push_front(std::move(followed));
   if (followed_.size() > kFollowed) followed_.pop_back();
+}
+
+// The tracks of a key frame in the newest frame, which its tracker has matched.
+void TrackJoiner::follow(const Followed& followed, const CameraView& camera,
+                         std::vector<Sighting>* sightings) {
+  const std::vector<int>& matches = followed.tracker.matches(followed.tracker.views() - 1);
+  matched_.clear(), in_base_.clear(), in_frame_.clear();
+  for (size_t i = 0; i < matches.size(); ++i) {
+    // What the newer key frame says of a corner or a track counts.
+    if (matches[i] < 0 || (*sightings)[matches[i]].track >= 0) continue;
+    if (last_frame_[followed.track[i]] == frames() - 1) continue;
+    matched_.push_back(static_cast<int>(i));
+    in_base_.push_back(followed.place[i]);
+    in_frame_.push_back(camera.features.pixels[matches[i]]);
+  }
+  aligner_.align(followed.tracker.base().image.view(), in_base_, camera.image.view(), in_frame_, &aligned_);
+  for (size_t k = 0; k < matched_.size(); ++k) {
+    if (!aligned_[k].converged) continue;
+    const int track = followed.track[matched_[k]];
+    (*sightings)[matches[matched_[k]]] = {track, aligned_[k].pixel};
+    last_frame_[track] = frames() - 1;
+    input_.tracks.add(frames() - 1, track, aligned_[k].pixel.cast<double>());
+  }
 }
 
 void TrackJoiner::add(const ViewPtr& view) {
@@ -69,23 +96,15 @@ void TrackJoiner::add(const ViewPtr& view) {
   input_.names.push_back(view->name);
   input_.keyframe.push_back(0);
   input_.tracks.image_size = {camera.image.width(), camera.image.height()};
-  std::vector<int> track_of_corner(camera.features.size(), -1);
+  std::vector<Sighting> sightings(camera.features.size());
   int matched_with_newest = 0;
   for (Followed& followed : followed_) {
     const int matched = followed.tracker.advance(view);
     if (&followed == &followed_.front()) matched_with_newest = matched;
-    const std::vector<int>& matches = followed.tracker.matches(followed.tracker.views() - 1);
-    for (size_t i = 0; i < matches.size(); ++i) {
-      const int corner = matches[i], track = followed.track[i];
-      // What the newer key frame says of a corner or a track counts.
-      if (corner < 0 || track_of_corner[corner] >= 0 || last_frame_[track] == frames() - 1) continue;
-      track_of_corner[corner] = track;
-      last_frame_[track] = frames() - 1;
-      input_.tracks.add(frames() - 1, track, camera.features.pixels[corner].cast<double>());
-    }
+    follow(followed, camera, &sightings);
   }
   if (followed_.empty() || keyframe_needed(matched_with_newest)) {
-    make_keyframe(view, std::move(track_of_corner));
+    make_keyframe(view, std::move(sightings));
   }
 }
 
@@ -129,7 +148,7 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
     if (!view) return view.error();
     if (!*view) break;
     joiner.add(*view);
-    if (callbacks.progress) callbacks.progress(joiner.frames(), source.frame_count());
+    if (callbacks.progress) callbacks.progress("frame", joiner.frames(), source.frame_count());
   }
   if (!interrupted) tell(Event::Level::kWarning, source.note());
   if (joiner.frames() == 0) return bad_input(fmt::format("{}: no frames", source.description()));

@@ -3,14 +3,15 @@
 #include <deque>
 #include <vector>
 
+#include "raysfm/api/corner_aligner.h"
 #include "raysfm/api/solve_input.h"
 #include "raysfm/odometry/pair_tracker.h"
 
 namespace raysfm {
 
 // Joins the corners of a video to tracks, before any geometry is known. Key frames are chosen where the image
-// has moved far enough; the corners of the latest key frames are followed through every frame, and a corner
-// of a key frame that belongs to no track begins one.
+// has moved far enough; the corners of the latest key frames are followed through every frame, their patches
+// aligned with those of the key frame, and a corner of a key frame that belongs to no track begins one.
 class TrackJoiner {
  public:
   // The next frame; views of one camera.
@@ -23,15 +24,26 @@ class TrackJoiner {
  private:
   struct Followed {
     PairTracker tracker;
-    std::vector<int> track;  // of each corner of its base
+    std::vector<int> track;              // of each corner of its base
+    std::vector<Eigen::Vector2f> place;  // of that track in its base
+  };
+  // What a frame shows of the tracks, by its corners; track -1: none.
+  struct Sighting {
+    int track = -1;
+    Eigen::Vector2f place = Eigen::Vector2f::Zero();
   };
 
   bool keyframe_needed(int matched) const;
-  void make_keyframe(const ViewPtr& view, std::vector<int> track_of_corner);
+  void follow(const Followed& followed, const CameraView& camera, std::vector<Sighting>* sightings);
+  void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
 
   SolveInput input_;
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track
+  CornerAligner aligner_;
+  std::vector<int> matched_;  // corners of the base
+  std::vector<Eigen::Vector2f> in_base_, in_frame_;
+  std::vector<PatchAlignment> aligned_;
 };
 
 // Tracks of a video or of images in order, without a calibration. Errors: bad input.

@@ -10,7 +10,10 @@ namespace raysfm {
 namespace {
 
 constexpr int kMinPlacedInImage = 20;
-constexpr int kKeyframesBetweenAdjustments = 4;
+// An adjustment follows when this part of the key frames, and at least so many, are new.
+constexpr double kNewShare = 0.15;
+constexpr int kMinNew = 4;
+constexpr double kMorePoints = 1.3;               // than at the last failure: an image is tried again
 constexpr double kMinParallax = 0.02;             // radians, of a point that is placed
 constexpr double kKeyframePrincipalPoint = 0.01;  // standard deviations, as shares of the image's larger side
 constexpr double kBetweenPrincipalPoint = 0.003;
@@ -28,6 +31,43 @@ Rigid3 between(const Rigid3& a, const Rigid3& b, double share) {
   return world_from_cam.inverse();
 }
 
+// The nearest posed key frame in the direction of `step`, -1 without one.
+int nearest_posed(std::span<const uint8_t> keyframe, const UncalibratedReconstruction& result, int image,
+                  int step) {
+  for (int j = image + step; j >= 0 && j < static_cast<int>(keyframe.size()); j += step) {
+    if (keyframe[j] && result.image_posed[j]) return j;
+  }
+  return -1;
+}
+
+// Poses an image by the placed points among its observations.
+bool pose_image(const PointTracks& tracks, std::span<const int> observations_in_image,
+                const Rigid3& near_pose, const Lens& near_lens, double principal_point_sigma_px,
+                const SolveOptions& options, int image, UncalibratedReconstruction* result) {
+  std::vector<Eigen::Vector3d> points;
+  std::vector<Eigen::Vector2d> pixels;
+  std::vector<int> observations;
+  for (const int k : observations_in_image) {
+    if (!result->point_placed[tracks.point[k]]) continue;
+    points.push_back(result->scene.points[tracks.point[k]]);
+    pixels.push_back(tracks.pixel[k]);
+    observations.push_back(k);
+  }
+  const LensResectionOptions resection{.max_error_px = options.max_error_px,
+                                       .zooming = result->zooming,
+                                       .principal_point_sigma_px = principal_point_sigma_px,
+                                       .seed = options.seed,
+                                       .stream = static_cast<uint64_t>(image)};
+  LensResection view;
+  if (!resect_with_lens(points, pixels, near_pose, near_lens, resection, &view)) return false;
+  result->image_posed[image] = 1;
+  result->scene.cam_from_world[image] = view.cam_from_world;
+  result->scene.lenses[image] = view.lens;
+  if (result->zooming) result->lens_sigma[image] = view.lens_sigma;
+  for (size_t i = 0; i < observations.size(); ++i) result->inlier[observations[i]] = view.inlier[i];
+  return true;
+}
+
 }  // namespace
 
 VideoGrowth::VideoGrowth(const PointTracks& tracks, std::span<const uint8_t> keyframe,
@@ -37,57 +77,44 @@ VideoGrowth::VideoGrowth(const PointTracks& tracks, std::span<const uint8_t> key
       options_(options),
       result_(*result),
       of_image_(tracks.image_count),
-      of_point_(tracks.point_count) {
+      of_point_(tracks.point_count),
+      seen_when_tried_(tracks.image_count, 0) {
+  in_keyframes_.image_count = tracks.image_count;
+  in_keyframes_.point_count = tracks.point_count;
+  in_keyframes_.image_size = tracks.image_size;
   for (int k = 0; k < tracks.size(); ++k) {
+    if (!keyframe[tracks.image[k]]) continue;
     of_image_[tracks.image[k]].push_back(k);
-    if (keyframe[tracks.image[k]]) of_point_[tracks.point[k]].push_back(k);
+    of_point_[tracks.point[k]].push_back(k);
+    in_keyframes_.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
+    original_.push_back(k);
   }
 }
 
-// The nearest posed key frame in the direction of `step`, -1 without one.
-int VideoGrowth::nearest_posed(int image, int step) const {
-  for (int j = image + step; j >= 0 && j < tracks_.image_count; j += step) {
-    if (keyframe_[j] && result_.image_posed[j]) return j;
-  }
-  return -1;
+int VideoGrowth::placed_points_in(int image) const {
+  return static_cast<int>(
+      std::ranges::count_if(of_image_[image], [&](int k) { return result_.point_placed[tracks_.point[k]]; }));
 }
 
-// The key frame beside a posed one that sees most placed points, -1 without one.
-int VideoGrowth::next_keyframe(const std::vector<uint8_t>& tried) const {
+// The key frame that sees most placed points, -1 without one worth a try.
+int VideoGrowth::next_keyframe() const {
   int best = -1, most = kMinPlacedInImage - 1;
   for (int j = 0; j < tracks_.image_count; ++j) {
-    if (!keyframe_[j] || result_.image_posed[j] || tried[j]) continue;
-    const auto placed = static_cast<int>(
-        std::ranges::count_if(of_image_[j], [&](int k) { return result_.point_placed[tracks_.point[k]]; }));
-    if (placed > most) best = j, most = placed;
+    if (!keyframe_[j] || result_.image_posed[j]) continue;
+    const int placed = placed_points_in(j);
+    if (placed > most && placed > kMorePoints * seen_when_tried_[j]) best = j, most = placed;
   }
   return best;
 }
 
-bool VideoGrowth::pose(int image, const Rigid3& near_pose, const Lens& near_lens,
-                       double principal_point_sigma_px) {
-  std::vector<Eigen::Vector3d> points;
-  std::vector<Eigen::Vector2d> pixels;
-  std::vector<int> observations;
-  for (const int k : of_image_[image]) {
-    if (!result_.point_placed[tracks_.point[k]]) continue;
-    points.push_back(result_.scene.points[tracks_.point[k]]);
-    pixels.push_back(tracks_.pixel[k]);
-    observations.push_back(k);
-  }
-  const LensResectionOptions options{.max_error_px = options_.max_error_px,
-                                     .zooming = result_.zooming,
-                                     .principal_point_sigma_px = principal_point_sigma_px,
-                                     .seed = options_.seed,
-                                     .stream = static_cast<uint64_t>(image)};
-  LensResection view;
-  if (!resect_with_lens(points, pixels, near_pose, near_lens, options, &view)) return false;
-  result_.image_posed[image] = 1;
-  result_.scene.cam_from_world[image] = view.cam_from_world;
-  result_.scene.lenses[image] = view.lens;
-  if (result_.zooming) result_.lens_sigma[image] = view.lens_sigma;
-  for (size_t i = 0; i < observations.size(); ++i) result_.inlier[observations[i]] = view.inlier[i];
-  return true;
+bool VideoGrowth::pose(int image) {
+  const int a = nearest_posed(keyframe_, result_, image, -1), b = nearest_posed(keyframe_, result_, image, 1);
+  const int near = a < 0 || (b >= 0 && b - image < image - a) ? b : a;
+  if (near < 0) return false;
+  const Rigid3 near_pose = result_.scene.cam_from_world[near];
+  const Lens near_lens = result_.scene.lenses[near];
+  return pose_image(tracks_, of_image_[image], near_pose, near_lens,
+                    kKeyframePrincipalPoint * tracks_.image_size.maxCoeff(), options_, image, &result_);
 }
 
 bool VideoGrowth::place(int point) {
@@ -119,29 +146,35 @@ bool VideoGrowth::place(int point) {
 void VideoGrowth::place_points() {
   for (int i = 0; i < tracks_.point_count; ++i) {
     if (!result_.point_placed[i]) result_.point_placed[i] = place(i);
+    judge(i);
   }
-  find_inliers();
+}
+
+void VideoGrowth::place_points_in(int image) {
+  for (const int k : of_image_[image]) {
+    const int i = tracks_.point[k];
+    if (!result_.point_placed[i]) result_.point_placed[i] = place(i);
+    judge(i);
+  }
 }
 
 // Judges the observations in key frames; a point without two inliers or with more outliers is given up.
-void VideoGrowth::find_inliers() {
-  for (int i = 0; i < tracks_.point_count; ++i) {
-    int good = 0, seen = 0;
-    for (const int k : of_point_[i]) {
-      const int image = tracks_.image[k];
-      result_.inlier[k] = 0;
-      if (!result_.image_posed[image]) continue;
-      ++seen;
-      const Eigen::Vector3d x = result_.scene.cam_from_world[image] * result_.scene.points[i];
-      if (!result_.point_placed[i] || !(x.z() > 0)) continue;
-      const Eigen::Vector2d pixel = result_.scene.lenses[image].pixel(x.hnormalized());
-      result_.inlier[k] = (pixel - tracks_.pixel[k]).norm() < options_.max_error_px;
-      good += result_.inlier[k];
-    }
-    if (good >= 2 && 2 * good > seen) continue;
-    result_.point_placed[i] = 0;
-    for (const int k : of_point_[i]) result_.inlier[k] = 0;
+void VideoGrowth::judge(int point) {
+  int good = 0, seen = 0;
+  for (const int k : of_point_[point]) {
+    const int image = tracks_.image[k];
+    result_.inlier[k] = 0;
+    if (!result_.image_posed[image]) continue;
+    ++seen;
+    const Eigen::Vector3d x = result_.scene.cam_from_world[image] * result_.scene.points[point];
+    if (!result_.point_placed[point] || !(x.z() > 0)) continue;
+    const Eigen::Vector2d pixel = result_.scene.lenses[image].pixel(x.hnormalized());
+    result_.inlier[k] = (pixel - tracks_.pixel[k]).norm() < options_.max_error_px;
+    good += result_.inlier[k];
   }
+  if (good >= 2 && 2 * good > seen) return;
+  result_.point_placed[point] = 0;
+  for (const int k : of_point_[point]) result_.inlier[k] = 0;
 }
 
 Result<void> VideoGrowth::adjust(bool last) {
@@ -156,44 +189,26 @@ Result<void> VideoGrowth::adjust(bool last) {
   adjustment.reweightings = last ? 3 : 1;
   adjustment.with_sigma = last;
   if (!last) adjustment.lm = {.max_iterations = 10, .min_relative_decrease = 1e-3};
-  std::vector<double> weights(tracks_.size(), 0.0);
-  for (int k = 0; k < tracks_.size(); ++k) weights[k] = keyframe_[tracks_.image[k]] && result_.inlier[k];
+  std::vector<double> weights;
+  for (const int k : original_) weights.push_back(result_.inlier[k]);
   const bool free = last && options_.method == LensMethod::kIntrinsicsFree;
-  auto summary = free ? adjust_intrinsics_free(tracks_, weights, adjustment, &result_.scene)
-                      : adjust_standard(tracks_, weights, adjustment, &result_.scene);
+  auto summary = free ? adjust_intrinsics_free(in_keyframes_, weights, adjustment, &result_.scene)
+                      : adjust_standard(in_keyframes_, weights, adjustment, &result_.scene);
   if (!summary) return summary.error();
   if (last) {
     result_.lens_sigma = summary->lens_sigma;
     result_.adjustment = std::move(*summary);
   }
-  find_inliers();
+  for (int i = 0; i < tracks_.point_count; ++i) judge(i);
   return {};
-}
-
-// Images that are not key frames: near a place between their neighbours.
-void VideoGrowth::pose_between() {
-  const double side = tracks_.image_size.maxCoeff();
-  for (int j = 0; j < tracks_.image_count; ++j) {
-    if (keyframe_[j]) continue;
-    const int a = nearest_posed(j, -1), b = nearest_posed(j, 1);
-    if (a < 0 && b < 0) continue;
-    const int from = a < 0 ? b : a, to = b < 0 ? a : b;
-    const double share = from == to ? 0 : double(j - from) / (to - from);
-    const UncalibratedScene& scene = result_.scene;
-    const Rigid3 near_pose = between(scene.cam_from_world[from], scene.cam_from_world[to], share);
-    const Lens near_lens = between(scene.lenses[from], scene.lenses[to], share);
-    if (pose(j, near_pose, near_lens, kBetweenPrincipalPoint * side) && !result_.zooming) {
-      result_.lens_sigma[j] = result_.lens_sigma[from];
-    }
-  }
 }
 
 void VideoGrowth::measure() {
   double sum = 0;
   int count = 0;
-  for (int k = 0; k < tracks_.size(); ++k) {
+  for (const int k : original_) {
     const int image = tracks_.image[k];
-    if (!keyframe_[image] || !result_.inlier[k]) continue;
+    if (!result_.inlier[k]) continue;
     const Eigen::Vector3d x = result_.scene.cam_from_world[image] * result_.scene.points[tracks_.point[k]];
     sum += (result_.scene.lenses[image].pixel(x.hnormalized()) - tracks_.pixel[k]).squaredNorm();
     ++count;
@@ -201,31 +216,51 @@ void VideoGrowth::measure() {
   result_.rms_px = count > 0 ? std::sqrt(sum / count) : 0;
 }
 
-Result<void> VideoGrowth::run() {
+Result<void> VideoGrowth::run(const GrowthControl& control) {
   result_.lens_sigma.assign(tracks_.image_count,
                             LensVector::Constant(std::numeric_limits<double>::infinity()));
   place_points();
-  std::vector<uint8_t> tried(tracks_.image_count, 0);
-  int added = 0;
-  for (int image; (image = next_keyframe(tried)) >= 0;) {
-    tried[image] = 1;
-    const int a = nearest_posed(image, -1), b = nearest_posed(image, 1);
-    const int near = a < 0 || (b >= 0 && b - image < image - a) ? b : a;
-    const double sigma = kKeyframePrincipalPoint * tracks_.image_size.maxCoeff();
-    if (!pose(image, result_.scene.cam_from_world[near], result_.scene.lenses[near], sigma)) continue;
-    place_points();
-    if (++added % kKeyframesBetweenAdjustments != 0) continue;
+  int posed = static_cast<int>(std::ranges::count(result_.image_posed, 1)), added = 0;
+  for (int image; !control.stopped() && (image = next_keyframe()) >= 0;) {
+    if (!pose(image)) {
+      seen_when_tried_[image] = placed_points_in(image);
+      continue;
+    }
+    ++posed, ++added;
+    if (control.progress) control.progress(posed);
+    place_points_in(image);
+    if (added < std::max<double>(kMinNew, kNewShare * posed)) continue;
+    added = 0;
     if (auto r = adjust(false); !r) return r;
     place_points();
-    std::ranges::fill(tried, 0);  // better points may show those that failed
   }
   for (const bool last : {false, true}) {
     if (auto r = adjust(last); !r) return r;
     if (!last) place_points();
   }
-  pose_between();
   measure();
   return {};
+}
+
+void pose_between(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
+                  ThreadPool* pool, UncalibratedReconstruction* result) {
+  const double sigma = kBetweenPrincipalPoint * tracks.image_size.maxCoeff();
+  std::vector<std::vector<int>> of_image(tracks.image_count);
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!keyframe[tracks.image[k]]) of_image[tracks.image[k]].push_back(k);
+  }
+  pool->parallel_for(tracks.image_count, [&](int j) {
+    if (keyframe[j]) return;
+    const int a = nearest_posed(keyframe, *result, j, -1), b = nearest_posed(keyframe, *result, j, 1);
+    if (a < 0 && b < 0) return;
+    const int from = a < 0 ? b : a, to = b < 0 ? a : b;
+    const double share = from == to ? 0 : double(j - from) / (to - from);
+    const UncalibratedScene& scene = result->scene;
+    const Rigid3 near_pose = between(scene.cam_from_world[from], scene.cam_from_world[to], share);
+    const Lens near_lens = between(scene.lenses[from], scene.lenses[to], share);
+    const bool posed = pose_image(tracks, of_image[j], near_pose, near_lens, sigma, options, j, result);
+    if (posed && !result->zooming) result->lens_sigma[j] = result->lens_sigma[from];
+  });
 }
 
 }  // namespace raysfm

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
 
 #include "raysfm/uncalibrated/degeneracy.h"
 #include "raysfm/uncalibrated/video_growth.h"
@@ -87,14 +88,14 @@ double doubt(const UncalibratedReconstruction& start) {
 
 // The best of a few stretches of key frames.
 Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const std::vector<int>& keyframes,
-                                              const SolveOptions& options) {
+                                              const SolveOptions& options, const GrowthControl& control) {
   const int count = static_cast<int>(keyframes.size());
   const int length = std::min(count, kStartImages);
   const int starts = count > length ? std::clamp(2 * count / length, 2, kStarts) : 1;
   Result<UncalibratedReconstruction> best =
       no_reconstruction("start: no stretch of the video determines one");
   double least = INFINITY;
-  for (int s = 0; s < starts && least > kSureFocal; ++s) {
+  for (int s = 0; s < starts && least > kSureFocal && !control.stopped(); ++s) {
     const int first = starts > 1 ? (count - length) * s / (starts - 1) : 0;
     const Stretch stretch = cut(tracks, std::span(keyframes).subspan(first, length));
     const auto part = reconstruct(stretch.tracks, options);
@@ -107,19 +108,17 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
 }
 
 Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                                         const SolveOptions& options) {
+                                         const SolveOptions& options, const GrowthControl& control) {
   std::vector<int> keyframes;
   for (int j = 0; j < tracks.image_count; ++j) {
     if (keyframe[j]) keyframes.push_back(j);
   }
-  Result<UncalibratedReconstruction> result = find_start(tracks, keyframes, options);
+  Result<UncalibratedReconstruction> result = find_start(tracks, keyframes, options, control);
   if (!result) return result;
   VideoGrowth growth(tracks, keyframe, options, &*result);
-  if (auto grown = growth.run(); !grown) return grown.error();
-  std::vector<uint8_t> posed = result->image_posed;
-  for (int j = 0; j < tracks.image_count; ++j) posed[j] &= keyframe[j];
-  result->degenerate =
-      name_degeneracy(result->scene, posed, result->point_placed, result->adjustment.lens_sigma);
+  if (auto grown = growth.run(control); !grown) return grown.error();
+  result->degenerate = name_degeneracy(result->scene, result->image_posed, result->point_placed,
+                                       result->adjustment.lens_sigma);
   return result;
 }
 
@@ -188,22 +187,25 @@ bool zooms(const PointTracks& tracks, std::span<const uint8_t> keyframe,
   return zooming;
 }
 
-}  // namespace
-
-Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
-                                                     std::span<const uint8_t> keyframe,
-                                                     const SolveOptions& options) {
-  if (auto ok = validate(tracks); !ok) return ok.error();
-  if (static_cast<int>(keyframe.size()) != tracks.image_count) {
-    return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
-                     std::to_string(tracks.image_count));
-  }
-  if (options.lens != LensChange::kAuto) return build(tracks, keyframe, options);
-  SolveOptions one = options, many = options;
-  one.lens = LensChange::kFixed;
-  many.lens = LensChange::kZoom;
-  auto fixed = build(tracks, keyframe, one);
-  auto zoom = build(tracks, keyframe, many);
+// The same video with one lens and with a lens for each image, side by side, and which of them it is.
+Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                              const SolveOptions& options, const VideoControl& control,
+                                              ThreadPool* pool) {
+  const int keyframes = static_cast<int>(std::ranges::count_if(keyframe, [](uint8_t k) { return k != 0; }));
+  std::mutex mutex;
+  int posed[2] = {0, 0};
+  Result<UncalibratedReconstruction> found[2] = {no_reconstruction(""), no_reconstruction("")};
+  pool->parallel_for(2, [&](int i) {
+    SolveOptions own = options;
+    own.lens = i == 0 ? LensChange::kFixed : LensChange::kZoom;
+    const auto progress = [&, i](int count) {
+      const std::lock_guard lock(mutex);
+      posed[i] = count;
+      if (control.progress) control.progress(std::min(posed[0], posed[1]), keyframes);
+    };
+    found[i] = build(tracks, keyframe, own, {progress, control.stop});
+  });
+  auto &fixed = found[0], &zoom = found[1];
   if (!fixed && !zoom) return fixed;
   std::string evidence;
   bool zooming = !fixed;
@@ -215,6 +217,34 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
   auto& chosen = zooming ? zoom : fixed;
   chosen->lens_evidence = evidence;
   return std::move(chosen);
+}
+
+Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                             const SolveOptions& options, const VideoControl& control) {
+  const int keyframes = static_cast<int>(std::ranges::count_if(keyframe, [](uint8_t k) { return k != 0; }));
+  const auto progress = [&](int posed) {
+    if (control.progress) control.progress(posed, keyframes);
+  };
+  return build(tracks, keyframe, options, {progress, control.stop});
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
+                                                     std::span<const uint8_t> keyframe,
+                                                     const SolveOptions& options,
+                                                     const VideoControl& control) {
+  if (auto ok = validate(tracks); !ok) return ok.error();
+  if (static_cast<int>(keyframe.size()) != tracks.image_count) {
+    return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
+                     std::to_string(tracks.image_count));
+  }
+  ThreadPool pool(control.threads - 1);
+  Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto
+                                                  ? build_both(tracks, keyframe, options, control, &pool)
+                                                  : build_one(tracks, keyframe, options, control);
+  if (result) pose_between(tracks, keyframe, options, &pool, &*result);
+  return result;
 }
 
 }  // namespace raysfm

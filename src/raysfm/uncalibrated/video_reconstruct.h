@@ -1,12 +1,21 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
+#include <functional>
 #include <span>
 
 #include "raysfm/core/result.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {
+
+struct VideoControl {
+  int threads = 1;  // > 0; never changes a result
+  // Key frames with a pose, of all; one call at a time, from any thread.
+  std::function<void(int posed, int keyframes)> progress;
+  const std::atomic<bool>* stop = nullptr;  // set: ends early with what there is
+};
 
 // As reconstruct(), for images in the order of time of which only some are key frames: a stretch of key
 // frames is the start, the others are added one after the other, outward from it, with an adjustment in
@@ -15,6 +24,7 @@ namespace raysfm {
 // Errors: as reconstruct().
 Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                                                      std::span<const uint8_t> keyframe,
-                                                     const SolveOptions& options);
+                                                     const SolveOptions& options,
+                                                     const VideoControl& control = {});
 
 }  // namespace raysfm
