@@ -8,6 +8,7 @@ function(raysfm_add_library folder)
   file(GLOB headers CONFIGURE_DEPENDS *.h)
   file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
   list(FILTER sources EXCLUDE REGEX "_test\\.cpp$")
+  raysfm_keep_apart(${sources})
 
   set(target raysfm_${folder})
   if(sources)
@@ -32,6 +33,8 @@ function(raysfm_add_library folder)
     target_compile_definitions(${folder}_test PRIVATE
       RAYSFM_SHARED_DATA_DEFAULT="${PROJECT_SOURCE_DIR}/../shared/data")
     target_link_libraries(${folder}_test PRIVATE ${target} ${ARG_TEST_DEPENDS} GTest::gtest_main)
+    # Tests name their fixtures alike: each keeps its translation unit.
+    set_target_properties(${folder}_test PROPERTIES UNITY_BUILD OFF)
     raysfm_compile_options(${folder}_test)
     gtest_discover_tests(${folder}_test TEST_PREFIX "${folder}/" DISCOVERY_TIMEOUT 60
                          PROPERTIES TIMEOUT 600)
@@ -47,6 +50,10 @@ function(raysfm_compile_options target)
   if(RAYSFM_WARNINGS_AS_ERRORS)
     target_compile_options(${target} PRIVATE -Werror)
   endif()
+  # Sources that are joined look like headers to the compiler.
+  if(CMAKE_UNITY_BUILD)
+    target_compile_options(${target} PRIVATE -Wno-subobject-linkage)
+  endif()
   # Results must not depend on whether the compiler chose to fuse a multiplication and an addition.
   target_compile_options(${target} PRIVATE -ffp-contract=off)
   if(RAYSFM_SANITIZE)
@@ -57,4 +64,14 @@ function(raysfm_compile_options target)
     # it but shares functions with the tests.
     target_compile_definitions(${target} PRIVATE EIGEN_MALLOC_ALREADY_ALIGNED=1)
   endif()
+endfunction()
+
+# Sources that Highway compiles once per instruction set include themselves and cannot share a translation unit.
+function(raysfm_keep_apart)
+  foreach(source ${ARGN})
+    file(STRINGS ${source} foreach_target REGEX "hwy/foreach_target\\.h" LIMIT_COUNT 1)
+    if(foreach_target)
+      set_source_files_properties(${source} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
 endfunction()

@@ -9,8 +9,6 @@
 namespace raysfm {
 namespace {
 
-constexpr double kPixelOrigin = 0.5;  // COLMAP counts from the corner of the first pixel
-
 // Images in the order of their names.
 std::vector<int> images_by_name(const ColmapModel& model) {
   std::vector<int> order(model.images.size());
@@ -22,7 +20,7 @@ std::vector<int> images_by_name(const ColmapModel& model) {
 Eigen::Vector2d pixel_of(const ColmapModel& model, const ColmapTrackElement& element) {
   const ColmapKeypoint& keypoint =
       model.keypoints[model.images[element.image].first_keypoint + element.keypoint];
-  return {keypoint.x - kPixelOrigin, keypoint.y - kPixelOrigin};
+  return {keypoint.x - kColmapPixelOrigin, keypoint.y - kColmapPixelOrigin};
 }
 
 // The cameras of all images that take part; the others stay empty.

@@ -19,6 +19,7 @@ namespace raysfm {
 // of the disc below without a point.) And |(x, y)| < 1e6 w, so that no pixel is infinite. For alpha > 0.5 the
 // pixels with a ray are those of the disc r^2 < 1 / (2 alpha - 1). xi in (-1, 1], alpha in [0, 1].
 struct DoubleSphere {
+  static constexpr double kMaxRadius = 1e6;  // of pixels, in focal lengths
   static constexpr std::string_view kName = "double-sphere";
   static constexpr size_t kRequired = 6;
   static constexpr std::array<std::string_view, 6> kParameterNames = {"fx", "fy", "cx", "cy", "xi", "alpha"};

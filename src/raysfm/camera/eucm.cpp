@@ -3,11 +3,6 @@
 #include <cmath>
 
 namespace raysfm {
-namespace {
-
-constexpr double kMaxRadius = 1e6;  // of pixels, in focal lengths
-
-}  // namespace
 
 bool Eucm::project(const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
                    Eigen::Matrix<double, 2, 3>* jacobian) const {

@@ -20,6 +20,7 @@ namespace raysfm {
 // r^2 < 1 / (beta (2 alpha - 1)).
 // alpha in [0, 1], beta > 0.
 struct Eucm {
+  static constexpr double kMaxRadius = 1e6;  // of pixels, in focal lengths
   static constexpr std::string_view kName = "eucm";
   static constexpr size_t kRequired = 6;
   static constexpr std::array<std::string_view, 6> kParameterNames = {"fx", "fy",    "cx",

@@ -13,7 +13,7 @@
 namespace raysfm {
 namespace {
 
-constexpr uintmax_t kMaxBytes = 16u << 20;
+constexpr uintmax_t kMaxCameraBytes = 16u << 20;
 
 bool looks_like_kitti(std::string_view line) {
   return line.size() > 3 && line[0] == 'P' && line[1] >= '0' && line[1] <= '3' && line[2] == ':';
@@ -156,7 +156,7 @@ Result<Rig> parse_camera_file(std::string_view text, const std::filesystem::path
 }
 
 Result<Rig> read_camera_file(const std::filesystem::path& path, std::string* note) {
-  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  const Result<std::string> text = read_text_file(path, kMaxCameraBytes);
   if (!text) return text.error();
   Result<Rig> rig = parse_camera_file(*text, path, note);
   if (!rig) return rig;

@@ -10,7 +10,7 @@
 namespace raysfm {
 namespace {
 
-constexpr uintmax_t kMaxBytes = 16u << 20;
+constexpr uintmax_t kMaxColmapBytes = 16u << 20;
 constexpr int64_t kMaxId = 0xffffffff;
 
 void read_camera_line(const TextLine& line, Camera* camera, ConfigProblem* problem, std::string* note) {
@@ -134,7 +134,7 @@ Rig import_colmap_rig(std::string_view text, const std::filesystem::path& path, 
     return {};
   }
   const std::filesystem::path cameras_path = path.parent_path() / "cameras.txt";
-  const Result<std::string> cameras_text = read_text_file(cameras_path, kMaxBytes);
+  const Result<std::string> cameras_text = read_text_file(cameras_path, kMaxColmapBytes);
   ConfigProblem in_cameras(cameras_path.string());
   std::map<int64_t, Camera> cameras;
   if (cameras_text) cameras = read_cameras(*cameras_text, &in_cameras, note);

@@ -10,7 +10,7 @@
 namespace raysfm {
 namespace {
 
-constexpr uintmax_t kMaxBytes = 1u << 20;
+constexpr uintmax_t kMaxOcamBytes = 1u << 20;
 
 // What OCamCalib calibrates, in its own axes: x down, y right, z away from the view.
 struct OCamCalibration {
@@ -182,7 +182,7 @@ Rig import_multicol_rig(const ConfigField& root, const std::filesystem::path& pa
   for (int i = 0; i < count && !root.problem().any(); ++i) {
     const std::filesystem::path file =
         path.parent_path() / fmt::format("InteriorOrientationFisheye{}.yaml", i);
-    const Result<std::string> text = read_text_file(file, kMaxBytes);
+    const Result<std::string> text = read_text_file(file, kMaxOcamBytes);
     const Result<ConfigNode> tree =
         text ? parse_yaml(*text, file.string()) : Result<ConfigNode>(text.error());
     ConfigProblem inside(file.string());

@@ -11,8 +11,6 @@
 namespace raysfm {
 namespace {
 
-constexpr double kPixelOrigin = 0.5;  // COLMAP: the corner of the top-left pixel is (0, 0)
-
 enum : int32_t {
   kSimplePinhole = 0,
   kPinhole = 1,
@@ -162,8 +160,8 @@ Result<CameraModel> camera_model_from_colmap(int32_t model, std::span<const doub
     return bad_input(fmt::format("{} with focal lengths {}, {} is not allowed, finite numbers above 0 are",
                                  known->name, p[0], p[1]));
   }
-  p[2] -= kPixelOrigin;
-  p[3] -= kPixelOrigin;
+  p[2] -= kColmapPixelOrigin;
+  p[3] -= kColmapPixelOrigin;
   switch (model) {
     case kSimplePinhole:
     case kPinhole:
@@ -190,8 +188,8 @@ std::optional<ColmapCamera> colmap_camera(const CameraModel& model) {
       []<typename Model>(const Model& m) -> std::optional<ColmapCamera> {
         if constexpr (KnownToColmap<Model>) {
           ColmapCamera camera = to_colmap(m);
-          camera.parameters[2] += kPixelOrigin;
-          camera.parameters[3] += kPixelOrigin;
+          camera.parameters[2] += kColmapPixelOrigin;
+          camera.parameters[3] += kColmapPixelOrigin;
           return camera;
         } else {
           return std::nullopt;

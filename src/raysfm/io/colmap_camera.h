@@ -26,6 +26,10 @@ const ColmapCameraModel* find_colmap_model(std::string_view name);
 // All names, for messages.
 std::string colmap_model_names();
 
+// COLMAP counts pixels from the corner of the first one, this project from its centre: what to add on the way
+// out.
+inline constexpr double kColmapPixelOrigin = 0.5;
+
 // A camera as COLMAP has it. Pixels are counted from the corner of the first one.
 struct ColmapCamera {
   uint32_t id = 0;

@@ -9,8 +9,6 @@
 namespace raysfm {
 namespace {
 
-constexpr double kPixelOrigin = 0.5;  // COLMAP: the corner of the top-left pixel is (0, 0)
-
 // The segment with most key frames; the first of equals.
 int main_segment(const Reconstruction& reconstruction) {
   std::vector<int> keyframes(std::max<size_t>(1, reconstruction.segments.size()), 0);
@@ -65,8 +63,8 @@ void append_images(const Reconstruction& reconstruction, int segment, ColmapMode
       for (int i = keyframe.first_observation; i < keyframe.last_observation; ++i) {
         const Observation& o = reconstruction.observations[i];
         if (o.camera != c || reconstruction.points[o.point].segment != segment) continue;
-        model->keypoints.push_back(
-            {o.pixel.x() + kPixelOrigin, o.pixel.y() + kPixelOrigin, static_cast<uint64_t>(o.point + 1)});
+        model->keypoints.push_back({o.pixel.x() + kColmapPixelOrigin, o.pixel.y() + kColmapPixelOrigin,
+                                    static_cast<uint64_t>(o.point + 1)});
         seen->push_back(i);
       }
       image.last_keypoint = model->keypoints.size();

@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr uintmax_t kMaxBytes = uintmax_t{16} << 30;
+constexpr uintmax_t kMaxModelBytes = uintmax_t{16} << 30;
 
 // Names of the three files, for opening and for messages.
 struct FileNames {
@@ -161,7 +161,7 @@ Result<ColmapModel> read_colmap_model(const fs::path& folder) {
   const std::pair<const std::string*, std::string*> contents[] = {
       {&names.cameras, &files.cameras}, {&names.images, &files.images}, {&names.points, &files.points}};
   for (const auto& [path, content] : contents) {
-    Result<std::string> text = read_text_file(*path, kMaxBytes);
+    Result<std::string> text = read_text_file(*path, kMaxModelBytes);
     if (!text) return text.error();
     *content = *std::move(text);
   }

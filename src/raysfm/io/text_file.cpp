@@ -22,13 +22,13 @@ std::optional<Number> parse(std::string_view word) {
   return value;
 }
 
+}  // namespace
+
 std::string_view trimmed(std::string_view text) {
   const size_t first = text.find_first_not_of(kSpace);
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(kSpace) - first + 1);
 }
-
-}  // namespace
 
 Result<std::string> read_text_file(const fs::path& path, uintmax_t max_bytes) {
   std::error_code failure;

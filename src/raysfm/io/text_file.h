@@ -22,6 +22,9 @@ std::optional<int64_t> parse_integer(std::string_view word);
 // Parts of `text` between runs of spaces, tabs, line ends and the characters of `separators`.
 std::vector<std::string_view> split_words(std::string_view text, std::string_view separators = "");
 
+// `text` without the white space at its ends.
+std::string_view trimmed(std::string_view text);
+
 // At most 40 characters of `text` on one line, for a message.
 std::string shown(std::string_view text);
 

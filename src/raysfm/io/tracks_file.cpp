@@ -16,16 +16,11 @@
 namespace raysfm {
 namespace {
 
-constexpr uintmax_t kMaxBytes = uintmax_t{2} << 30;
+constexpr uintmax_t kMaxTracksBytes = uintmax_t{2} << 30;
 constexpr double kMaxPixel = 1e6;
 constexpr double kMaxPosition = 1e9;
 constexpr std::string_view kHeader = "image,point,u,v";
 constexpr std::string_view kStructureHeader = "point,x,y,z";
-
-std::string_view trimmed(std::string_view text) {
-  const size_t first = text.find_first_not_of(" \t\r"), last = text.find_last_not_of(" \t\r");
-  return first == std::string_view::npos ? std::string_view() : text.substr(first, last - first + 1);
-}
 
 // A line behind the header and its four fields.
 struct Row {
@@ -169,7 +164,7 @@ bool is_tracks_file(const std::filesystem::path& path) {
 }
 
 Result<TracksFile> read_tracks_file(const std::filesystem::path& path) {
-  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  const Result<std::string> text = read_text_file(path, kMaxTracksBytes);
   if (!text) return text.error();
   TracksFile file;
   Names images, points;
@@ -196,7 +191,7 @@ Result<TracksFile> read_tracks_file(const std::filesystem::path& path) {
 }
 
 Result<StructureFile> read_structure_file(const std::filesystem::path& path) {
-  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  const Result<std::string> text = read_text_file(path, kMaxTracksBytes);
   if (!text) return text.error();
   StructureFile file;
   Names points;

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr uintmax_t kMaxBytes = 256u << 20;
+constexpr uintmax_t kMaxTrajectoryBytes = 256u << 20;
 constexpr size_t kTumNumbers = 8;
 constexpr size_t kKittiNumbers = 12;
 constexpr size_t kEurocNumbers = 8;  // the velocity and the biases behind them are passed over
@@ -94,7 +94,7 @@ Result<Rigid3> kitti_pose(const fs::path& path, const NumberLine& line) {
 }
 
 Result<std::vector<double>> read_times(const fs::path& path) {
-  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  const Result<std::string> text = read_text_file(path, kMaxTrajectoryBytes);
   if (!text) return text.error();
   std::vector<double> times;
   const Result<void> read = for_each_line(path, *text, [&](const NumberLine& line) -> Result<void> {
@@ -186,7 +186,7 @@ Result<Trajectory> read_trajectory(const fs::path& path) {
     if (!file) return file.error();
     return read_trajectory(*file);
   }
-  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  const Result<std::string> text = read_text_file(path, kMaxTrajectoryBytes);
   if (!text) return text.error();
   if (std::optional<Result<Trajectory>> euroc = read_euroc(path, *text)) return *std::move(euroc);
 

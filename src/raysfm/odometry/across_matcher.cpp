@@ -7,7 +7,7 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMinZncc = 0.8f;
+constexpr float kMinAcrossZncc = 0.8f;
 constexpr float kLead = 0.03f;        // of the best match's correlation over that of any other place
 constexpr float kSamePlace = 3.0f;    // pixels
 constexpr float kStepRadius = 8.0f;   // pixels: of the regions of interest that cover the epipolar line
@@ -93,7 +93,7 @@ void AcrossMatcher::match(const TrackingRig& rig, const KeyFrameView& view, std:
   for (const auto& [from, to] : rig.common_views()) {
     if (from > to) continue;  // what the first finds in the second need not be looked for again
     collect_queries(rig, view, features, from, to);
-    matcher_.match(std::span(&view, 1), queries_, *view.view, kMinZncc, &found_);
+    matcher_.match(std::span(&view, 1), queries_, *view.view, kMinAcrossZncc, &found_);
     keep_unambiguous();
     align(rig, view, matches);
   }

@@ -7,7 +7,7 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMinZncc = 0.75f;
+constexpr float kMinPoseZncc = 0.75f;
 constexpr int kMaxLocalPoints = 800;   // for one camera
 constexpr double kCornerError = 4.0;   // pixels: inliers before the alignment
 constexpr double kAlignedError = 2.0;  // pixels: inliers after it
@@ -185,7 +185,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
     predict(map, views, local, estimate_.rig_from_world, 0, max_local_points(rig_));
     starts_.clear();
     for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
-    matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinZncc}, &alignments_);
+    matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinPoseZncc}, &alignments_);
     aligned_.clear();
     clear_observations();
     for (size_t i = 0; i < queries_.size(); ++i) {
@@ -213,7 +213,7 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
   {
     ScopedTimer timer(match_timing);
     predict(map, views, local, predicted_rig_from_world, range.radius_px, range.coarse_points);
-    matcher_.match(views, queries_, view, kMinZncc, &corners_);
+    matcher_.match(views, queries_, view, kMinPoseZncc, &corners_);
     clear_observations();
     for (const GuidedMatch& m : corners_) {
       const PatchQuery& q = queries_[m.query];

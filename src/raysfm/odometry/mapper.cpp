@@ -9,7 +9,7 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMinZncc = 0.75f;
+constexpr float kMinMapZncc = 0.75f;
 // Radians. Points of little parallax make their depth up and bias what is posed by them; they are taken only
 // where a key frame has too few others.
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
@@ -189,7 +189,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
     }
     queries_.push_back(query);
   }
-  matcher_.match(views, queries_, view, kMinZncc, &matches_);
+  matcher_.match(views, queries_, view, kMinMapZncc, &matches_);
 
   std::vector<PatchQuery> matched;
   starts_.clear();

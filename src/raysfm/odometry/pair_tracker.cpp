@@ -5,7 +5,7 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMinZncc = 0.8f;
+constexpr float kMinPairZncc = 0.8f;
 // Radius of the region of interest as a part of the image's width: at first, and once the motion is known.
 constexpr float kFirstRadius = 0.06f;
 constexpr float kRadius = 0.03f;
@@ -53,7 +53,7 @@ void PairTracker::match(const CameraView& next, const CoarseMotion* image_motion
                         std::vector<ZnccMatch>* found) {
   predict(next, image_motion);
   matcher_.match(base().patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
-                 {.min_zncc = kMinZncc}, found);
+                 {.min_zncc = kMinPairZncc}, found);
 }
 
 int PairTracker::advance(ViewPtr next) {
