@@ -22,7 +22,7 @@ constexpr uintmax_t kMaxPacking = 100;
 constexpr uintmax_t kAlwaysAllowed = 1 << 20;
 
 // The shortest text of each, with the space between: "0 0 0 0 ".
-constexpr uint64_t kObservationBytes = 8, kCameraBytes = 18, kPointBytes = 6;
+constexpr uint64_t kBalObservationBytes = 8, kBalCameraBytes = 18, kBalPointBytes = 6;
 
 class BalParser {
  public:
@@ -82,8 +82,8 @@ class BalParser {
         !integer([] { return "number of observations"; }, kLimit, &observations)) {
       return false;
     }
-    const uint64_t least =
-        kObservationBytes * observations + kCameraBytes * cameras + kPointBytes * points;  // below 2^37
+    const uint64_t least = kBalObservationBytes * observations + kBalCameraBytes * cameras +
+                           kBalPointBytes * points;  // below 2^37
     if (least > words_.rest().size()) {
       return fail(
           fmt::format("{} cameras, {} points and {} observations are not allowed, they need at least {} "

@@ -24,11 +24,11 @@ std::string opencv_matrix(const std::string& name, int rows, int columns, const 
 }
 
 // Kinds of OpenCV's models; both cameras of a pair have to be of one.
-enum class Kind { kPerspective, kFisheye, kOmnidir };
+enum class OpencvKind { kPerspective, kFisheye, kOmnidir };
 
-Kind kind_of(const CameraModel& model) {
-  if (std::holds_alternative<KannalaBrandt>(model)) return Kind::kFisheye;
-  return std::holds_alternative<Unified>(model) ? Kind::kOmnidir : Kind::kPerspective;
+OpencvKind kind_of(const CameraModel& model) {
+  if (std::holds_alternative<KannalaBrandt>(model)) return OpencvKind::kFisheye;
+  return std::holds_alternative<Unified>(model) ? OpencvKind::kOmnidir : OpencvKind::kPerspective;
 }
 
 // K, D and xi of a camera; `number` is "", "1" or "2".
@@ -46,11 +46,11 @@ std::string opencv_camera(const CameraModel& model, const std::string& number) {
   std::string text =
       opencv_matrix(pair ? "M" + number : "camera_matrix", 3, 3, {p[0], 0, p[2], 0, p[1], p[3], 0, 0, 1});
   p.erase(p.begin(), p.begin() + 4);
-  if (kind_of(model) == Kind::kOmnidir) {
+  if (kind_of(model) == OpencvKind::kOmnidir) {
     text += fmt::format("xi{}: {:#}\n", number, p.front());
     p.erase(p.begin());
   }
-  if (kind_of(model) == Kind::kPerspective && p.size() < 5) p.resize(5, 0);
+  if (kind_of(model) == OpencvKind::kPerspective && p.size() < 5) p.resize(5, 0);
   return text +
          opencv_matrix(pair ? "D" + number : "distortion_coefficients", 1, static_cast<int>(p.size()), p);
 }
@@ -64,7 +64,7 @@ Result<std::vector<CameraFileText>> format_opencv(const Rig& rig) {
   }
   std::string text = "%YAML:1.0\n---\n";
   text += fmt::format("image_width: {}\nimage_height: {}\n", first.width, first.height);
-  if (kind_of(first.model) == Kind::kFisheye) text += "fisheye_model: 1\n";
+  if (kind_of(first.model) == OpencvKind::kFisheye) text += "fisheye_model: 1\n";
   if (rig.cameras.size() == 1) {
     return std::vector<CameraFileText>{{"calibration.yml", text + opencv_camera(first.model, "")}};
   }

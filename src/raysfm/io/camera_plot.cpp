@@ -17,23 +17,23 @@
 namespace raysfm {
 namespace {
 
-const cv::Scalar kInk(60, 60, 60);
-const cv::Scalar kFrame(170, 170, 170);
-const cv::Scalar kGrid(222, 222, 222);
+const cv::Scalar kTextInk(60, 60, 60);
+const cv::Scalar kPanelFrame(170, 170, 170);
+const cv::Scalar kFaintGrid(222, 222, 222);
 const cv::Scalar kBlind(205, 205, 205);
-const cv::Scalar kRight(60, 60, 215);  // the image's u axis, red
-const cv::Scalar kDown(205, 110, 40);  // its v axis, blue
+const cv::Scalar kUAxis(60, 60, 215);   // the image's u axis, red
+const cv::Scalar kVAxis(205, 110, 40);  // its v axis, blue
 const cv::Scalar kView(150, 120, 90);
 
 constexpr int kPanel = 400;  // longer side
 constexpr int kMargin = 40;
 constexpr int kTitle = 58;
 constexpr int kRowHeight = kPanel + kTitle + 50;
-constexpr int kWidth = 3 * kPanel + 4 * kMargin;
+constexpr int kSheetWidth = 3 * kPanel + 4 * kMargin;
 constexpr double kDegrees = 180 / std::numbers::pi;
 
 void write_text(cv::Mat& picture, const std::string& text, cv::Point at, double size = 0.45,
-                const cv::Scalar& colour = kInk) {
+                const cv::Scalar& colour = kTextInk) {
   cv::putText(picture, text, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
 }
 
@@ -73,7 +73,7 @@ void paint(cv::Mat& picture, const ImagePanel& panel, const cv::Mat1f& values, d
   cv::applyColorMap(levels, colours, cv::COLORMAP_VIRIDIS);
   colours.setTo(kBlind, levels == 0);
   colours.copyTo(picture(panel.area));
-  cv::rectangle(picture, panel.area, kFrame);
+  cv::rectangle(picture, panel.area, kPanelFrame);
 }
 
 cv::Mat1f angles(const Camera& camera, const ImagePanel& panel) {
@@ -150,11 +150,13 @@ class FieldPanel {
     step_ = reach_deg > 60 ? 30 : reach_deg > 20 ? 10 : 5;
     reach_ = std::max(step_, std::ceil(reach_deg / step_) * step_);
     for (double r = step_; r <= reach_ + 1e-9; r += step_) {
-      cv::circle(picture_, at(0, 0, 0), radius(r), std::abs(r - 90) < 1 ? kFrame : kGrid, 1, cv::LINE_AA);
-      write_text(picture_, fmt::format("{:.0f}", r), at(r, 0.5 * std::numbers::pi, 2), 0.36, kFrame);
+      cv::circle(picture_, at(0, 0, 0), radius(r), std::abs(r - 90) < 1 ? kPanelFrame : kFaintGrid, 1,
+                 cv::LINE_AA);
+      write_text(picture_, fmt::format("{:.0f}", r), at(r, 0.5 * std::numbers::pi, 2), 0.36, kPanelFrame);
     }
-    cv::line(picture_, at(reach_, 0, 0), at(reach_, std::numbers::pi, 0), kGrid);
-    cv::line(picture_, at(reach_, -0.5 * std::numbers::pi, 0), at(reach_, 0.5 * std::numbers::pi, 0), kGrid);
+    cv::line(picture_, at(reach_, 0, 0), at(reach_, std::numbers::pi, 0), kFaintGrid);
+    cv::line(picture_, at(reach_, -0.5 * std::numbers::pi, 0), at(reach_, 0.5 * std::numbers::pi, 0),
+             kFaintGrid);
   }
 
   // The rays of the pixels from one to another as a curve.
@@ -204,8 +206,8 @@ void draw_field(cv::Mat& picture, const Camera& camera, cv::Point corner, double
     panel.draw_line(camera, {s * w, 0}, {s * w, h}, kView, edge ? 2 : 1);
     panel.draw_line(camera, {0, s * h}, {w, s * h}, kView, edge ? 2 : 1);
   }
-  panel.draw_line(camera, {0.5 * w, 0.5 * h}, {w, 0.5 * h}, kRight, 2);
-  panel.draw_line(camera, {0.5 * w, 0.5 * h}, {0.5 * w, h}, kDown, 2);
+  panel.draw_line(camera, {0.5 * w, 0.5 * h}, {w, 0.5 * h}, kUAxis, 2);
+  panel.draw_line(camera, {0.5 * w, 0.5 * h}, {0.5 * w, h}, kVAxis, 2);
 }
 
 void draw_camera(cv::Mat& picture, const Camera& camera, int top) {
@@ -236,7 +238,7 @@ void draw_camera(cv::Mat& picture, const Camera& camera, int top) {
 void draw_rig(cv::Mat& picture, const Rig& rig, cv::Point corner, const Eigen::Vector3d& right,
               const Eigen::Vector3d& up, const std::string& title) {
   write_text(picture, title, corner - cv::Point(0, 10));
-  cv::rectangle(picture, cv::Rect(corner, cv::Size(kPanel, kPanel)), kFrame);
+  cv::rectangle(picture, cv::Rect(corner, cv::Size(kPanel, kPanel)), kPanelFrame);
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (const Camera& camera : rig.cameras) {
     centre += camera.rig_from_cam.translation / static_cast<double>(rig.cameras.size());
@@ -260,9 +262,9 @@ void draw_rig(cv::Mat& picture, const Rig& rig, cv::Point corner, const Eigen::V
       const bool middle = pixel.x() == 0.5 * w && pixel.y() == 0.5 * h;
       const Eigen::Vector3d end =
           place + camera.rig_from_cam.rotation * ray.direction * reach * (middle ? 0.6 : 0.35);
-      cv::line(picture, at(place), at(end), middle ? kDown : kView, middle ? 2 : 1, cv::LINE_AA);
+      cv::line(picture, at(place), at(end), middle ? kVAxis : kView, middle ? 2 : 1, cv::LINE_AA);
     }
-    cv::circle(picture, at(place), 4, kRight, cv::FILLED, cv::LINE_AA);
+    cv::circle(picture, at(place), 4, kUAxis, cv::FILLED, cv::LINE_AA);
     write_text(picture, camera.name, at(place) + cv::Point(6, -6), 0.4);
   }
   write_text(picture, fmt::format("{:.3g} from the middle to the farthest camera", reach),
@@ -282,7 +284,7 @@ Result<void> plot_cameras(const Rig& rig, const std::filesystem::path& path) {
   constexpr size_t kMostRows = 16;
   if (shown.size() > kMostRows) shown.resize(kMostRows);
   const int rows = static_cast<int>(shown.size()) + (rig.cameras.size() > 1 ? 1 : 0);
-  cv::Mat picture(rows * kRowHeight, kWidth, CV_8UC3, cv::Scalar::all(255));
+  cv::Mat picture(rows * kRowHeight, kSheetWidth, CV_8UC3, cv::Scalar::all(255));
   int top = 0;
   for (const Camera* camera : shown) {
     draw_camera(picture, *camera, top);

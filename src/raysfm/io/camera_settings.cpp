@@ -41,7 +41,7 @@ CameraModel read_model(const UnrectifiedCamera& camera) {
   return model;
 }
 
-Eigen::Quaterniond read_rotation(const ConfigField& field) {
+Eigen::Quaterniond read_rectification(const ConfigField& field) {
   const std::vector<double> r = field.numbers(9);
   const auto rotation =
       nearest_rotation(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
@@ -59,8 +59,8 @@ Rig unrectified_pair(const UnrectifiedCamera& left, const UnrectifiedCamera& rig
   second.name = "right";
   second.stream = 1;
   second.model = read_model(right);
-  const Rigid3 rectified_from_first{read_rotation(left.r), Eigen::Vector3d::Zero()};
-  const Rigid3 rectified_from_second{read_rotation(right.r), Eigen::Vector3d(baseline, 0, 0)};
+  const Rigid3 rectified_from_first{read_rectification(left.r), Eigen::Vector3d::Zero()};
+  const Rigid3 rectified_from_second{read_rectification(right.r), Eigen::Vector3d(baseline, 0, 0)};
   second.rig_from_cam = rectified_from_first.inverse() * rectified_from_second;
   return Rig{{std::move(first), std::move(second)}};
 }

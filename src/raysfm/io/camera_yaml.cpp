@@ -16,7 +16,7 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMaxCameras = 1024;
+constexpr int kMaxRigCameras = 1024;
 
 // Calls visit(Model{}) for each model of the variant.
 template <typename Visit, size_t... I>
@@ -173,7 +173,7 @@ Camera read_camera(const ConfigField& field) {
   camera.model = read_model(field, model, camera.width, camera.height);
   field.allow_only(camera_fields(model));
   camera.rig_from_cam = read_rig_from_cam(field.at("rig_from_cam"));
-  if (field.at("stream").exists()) camera.stream = field.at("stream").integer(0, kMaxCameras - 1);
+  if (field.at("stream").exists()) camera.stream = field.at("stream").integer(0, kMaxRigCameras - 1);
   if (field.at("mask").exists()) {
     camera.mask_path = field.at("mask").text();
     if (camera.mask_path.empty()) field.at("mask").report("the path of an image");
@@ -187,8 +187,8 @@ Rig read_camera_yaml(const ConfigField& root) {
   root.allow_only({"raysfm_camera", "cameras"});
   root.at("raysfm_camera").integer(1, 1);
   const std::vector<ConfigField> fields = root.at("cameras").list();
-  if (fields.empty() || fields.size() > kMaxCameras) {
-    root.at("cameras").report(fmt::format("a list of 1 to {} cameras", kMaxCameras));
+  if (fields.empty() || fields.size() > kMaxRigCameras) {
+    root.at("cameras").report(fmt::format("a list of 1 to {} cameras", kMaxRigCameras));
     return {};
   }
   Rig rig;

@@ -98,7 +98,7 @@ bool read_camera(RecordReader& reader, uint64_t record, ColmapCamera* camera) {
   return true;
 }
 
-bool read_image(RecordReader& reader, uint64_t record, ColmapImage* image, ColmapModel* model) {
+bool read_image_record(RecordReader& reader, uint64_t record, ColmapImage* image, ColmapModel* model) {
   if (!reader.read(&image->id, "image", record)) return false;
   for (double& q : image->rotation) {
     if (!reader.read_finite(&q, "image", record, "rotation")) return false;
@@ -168,7 +168,7 @@ Result<void> parse_colmap_images_bin(std::string_view bytes, const std::string& 
   if (!reader.read_count(&count, kImageBytes, "number of images")) return reader.error();
   model->images.reserve(count);
   for (uint64_t i = 1; i <= count; ++i) {
-    if (!read_image(reader, i, &model->images.emplace_back(), model)) return reader.error();
+    if (!read_image_record(reader, i, &model->images.emplace_back(), model)) return reader.error();
   }
   return reader.end("image");
 }

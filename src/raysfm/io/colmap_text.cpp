@@ -130,7 +130,7 @@ bool read_camera(FieldReader& fields, ColmapCamera* camera) {
          fields.fail("PARAMS", more, fmt::format("{} has {} parameters", known->name, known->parameters));
 }
 
-bool read_image(FieldReader& fields, ColmapImage* image) {
+bool read_image_line(FieldReader& fields, ColmapImage* image) {
   constexpr const char* kRotation[] = {"QW", "QX", "QY", "QZ"};
   constexpr const char* kTranslation[] = {"TX", "TY", "TZ"};
   if (!fields.read_integer("IMAGE_ID", &image->id)) return false;
@@ -199,7 +199,7 @@ Result<void> parse_colmap_images_txt(std::string_view text, const std::string& f
   for (std::string_view line; lines.next_content(&line);) {
     FieldReader header(line, lines.number(), file);
     ColmapImage& image = model->images.emplace_back();
-    if (!read_image(header, &image)) return header.error();
+    if (!read_image_line(header, &image)) return header.error();
     if (!lines.next(&line)) {
       return bad_input(
           fmt::format("{}:{}: the line with the keypoints of image {} is missing behind this one, "

@@ -10,7 +10,7 @@
 namespace raysfm {
 namespace {
 
-constexpr std::string_view kSpace = " \t\r\n";
+constexpr std::string_view kXmlSpace = " \t\r\n";
 
 // Reader of the small part of XML that FileStorage writes. It keeps the open elements in a list instead of
 // recursing, so that nesting costs no stack.
@@ -60,7 +60,7 @@ class XmlReader {
     const size_t end = std::min(text_.find('<', position_), text_.size());
     const std::string_view piece = text_.substr(position_, end - position_);
     if (open_.empty()) {
-      if (piece.find_first_not_of(kSpace) != std::string_view::npos)
+      if (piece.find_first_not_of(kXmlSpace) != std::string_view::npos)
         return fail("text outside the root element");
     } else {
       append_unescaped(piece, &open_.back().node.text);
@@ -120,9 +120,9 @@ class XmlReader {
     open_.pop_back();
     if (node.items.empty()) {
       node.kind = ConfigNode::Kind::kScalar;
-      const size_t first = std::min(node.text.find_first_not_of(kSpace), node.text.size());
+      const size_t first = std::min(node.text.find_first_not_of(kXmlSpace), node.text.size());
       node.text.erase(0, first);
-      node.text.erase(node.text.find_last_not_of(kSpace) + 1);
+      node.text.erase(node.text.find_last_not_of(kXmlSpace) + 1);
     } else {
       node.text.clear();
       const auto& keys = node.keys;

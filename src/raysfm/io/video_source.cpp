@@ -21,7 +21,7 @@ extern "C" {
 namespace raysfm {
 namespace {
 
-constexpr int kMaxSide = 32768;
+constexpr int kMaxVideoSide = 32768;
 constexpr int kMaxFailures = 1000;  // of the decoder in a row, without asking for data
 constexpr int64_t kMaxPixels = int64_t{1} << 28;
 
@@ -216,10 +216,11 @@ Result<std::optional<InputFrame>> VideoSource::to_input_frame() {
   frame.index = index_;
   frame.name = fmt::format("frame-{:06}", index_);
   done_ = true;  // stays so after an error
-  if (frame_->width != width_ || frame_->height != height_ || width_ > kMaxSide || height_ > kMaxSide) {
+  if (frame_->width != width_ || frame_->height != height_ || width_ > kMaxVideoSide ||
+      height_ > kMaxVideoSide) {
     return bad_input(
         fmt::format("{}: frame {} has {} x {} pixels; allowed: the {} x {} of the first, sides up to {}",
-                    path_, index_, frame_->width, frame_->height, width_, height_, kMaxSide));
+                    path_, index_, frame_->width, frame_->height, width_, height_, kMaxVideoSide));
   }
   if (!converter_.convert(*frame_, &frame.gray, &frame.bgr)) {
     return bad_input(fmt::format("{}: frame {}: pixels of a format that cannot be converted", path_, index_));

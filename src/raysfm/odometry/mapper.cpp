@@ -5,6 +5,7 @@
 
 #include "raysfm/bundle/local_bundle.h"
 #include "raysfm/bundle/scale_search.h"
+#include "raysfm/core/median.h"
 
 namespace raysfm {
 namespace {
@@ -38,23 +39,17 @@ class DistancePrior {
     }
     grid_.build(pixels, rig.camera(camera).width, rig.camera(camera).height);
     if (!distances_.empty()) near_ = distances_;
-    overall_ = median();
+    overall_ = median_of(&near_);
   }
 
   // 0 where nothing is known.
   double at(const Eigen::Vector2f& pixel) {
     near_.clear();
     grid_.for_each_in(pixel, kNeighbourhood, [&](int i) { near_.push_back(distances_[i]); });
-    return near_.size() >= 3 ? median() : overall_;
+    return near_.size() >= 3 ? median_of(&near_) : overall_;
   }
 
  private:
-  double median() {
-    if (near_.empty()) return 0;
-    std::nth_element(near_.begin(), near_.begin() + near_.size() / 2, near_.end());
-    return near_[near_.size() / 2];
-  }
-
   FeatureGrid grid_;
   std::vector<double> distances_, near_;
   double overall_ = 0;

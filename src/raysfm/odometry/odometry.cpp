@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "raysfm/core/median.h"
+
 namespace raysfm {
 namespace {
 
@@ -42,13 +44,6 @@ bool believable(const Localisation& pose) {
 }
 bool convincing(const Localisation& pose) {
   return found_share(pose, kGoodMatchedShare);
-}
-
-double median(std::vector<double>& values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // A key frame as if it had been localised, with its own observations.
@@ -148,7 +143,7 @@ void Odometry::set_anchor(int keyframe) {
           (segment().map.keyframes[keyframe].rig_from_world * segment().map.tracks[p.track].position).norm());
   }
   anchor_points_ = static_cast<int>(distances.size());
-  anchor_distance_ = median(distances);
+  anchor_distance_ = median_of(&distances);
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it.

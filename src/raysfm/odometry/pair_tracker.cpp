@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "raysfm/core/median.h"
+
 namespace raysfm {
 namespace {
 
@@ -13,12 +15,6 @@ constexpr float kMinCoarseZncc = 0.6f;
 constexpr float kTurnedShare = 0.5f;  // of the matches before: fewer ask for the motion of the whole image
 constexpr int kMaxMissed = 2;
 constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
-
-float median(std::vector<float>& values) {
-  if (values.empty()) return 0;
-  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
-}
 
 int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
   const int column = std::clamp(static_cast<int>(pixel.x() / width * kColumns), 0, kColumns - 1);
@@ -92,12 +88,12 @@ void PairTracker::update(const CameraView& next) {
     all_dv.push_back(step.y());
     displacement.push_back((pixel - base().features.pixels[i]).norm());
   }
-  const Eigen::Vector2f overall(median(all_du), median(all_dv));
+  const Eigen::Vector2f overall(median_of(&all_du), median_of(&all_dv));
   Eigen::Vector2f motion[kColumns * kRows];
   for (int c = 0; c < kColumns * kRows; ++c) {
-    motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median(du[c]), median(dv[c])) : overall;
+    motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median_of(&du[c]), median_of(&dv[c])) : overall;
   }
-  median_displacement_ = median(displacement);
+  median_displacement_ = median_of(&displacement);
 
   for (size_t i = 0; i < place_.size(); ++i) {
     const Eigen::Vector2f neighbours = motion[cell_of(place_[i], width, height)];

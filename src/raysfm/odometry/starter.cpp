@@ -7,8 +7,8 @@
 namespace raysfm {
 namespace {
 
-constexpr double kCornerError = 2.0;  // pixels
-constexpr int kMinInliers = 50;
+constexpr double kStartCornerError = 2.0;  // pixels
+constexpr int kMinStartInliers = 50;
 // Right starts on real footage explain 0.6 to 0.95 of the matches, wrong ones of turning cameras under 0.5.
 constexpr double kMinInlierRatio = 0.55;
 // Median parallax over the rms error of the rays. Blur and a rolling shutter bend the rays of a turning
@@ -56,7 +56,8 @@ void Starter::fail(int matches, std::string reason) {
 int Starter::enough(int wanted) const {
   int corners = 0;
   for (const PairTracker& tracker : from_first_) corners += tracker.base().features.size();
-  return std::max(kMinInliers, std::min(wanted, static_cast<int>(kMinFeatureShare * corners * wanted / 400)));
+  return std::max(kMinStartInliers,
+                  std::min(wanted, static_cast<int>(kMinFeatureShare * corners * wanted / 400)));
 }
 
 void Starter::restart(int first) {
@@ -160,8 +161,8 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   }
   GenericStartOptions options;
   options.method = options_.start;
-  options.max_error = kCornerError;
-  options.min_inliers = kMinInliers;
+  options.max_error = kStartCornerError;
+  options.min_inliers = kMinStartInliers;
   options.min_inlier_ratio = kMinInlierRatio;
   options.seed = options_.seed;
   options.stream = stream;
@@ -234,7 +235,7 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
   const int points = static_cast<int>(
       std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
   const std::vector<int> frames = {map.keyframes[0].frame, map.keyframes[1].frame, map.keyframes[2].frame};
-  if (points < kMinInliers) {
+  if (points < kMinStartInliers) {
     fail(static_cast<int>(matches.size()),
          fmt::format("frames {}, {}, {}: {} of {} points survive the adjustment", frames[0], frames[1],
                      frames[2], points, map.tracks.size()));

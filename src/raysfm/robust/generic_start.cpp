@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "raysfm/core/median.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/robust/rig_search.h"
 #include "raysfm/robust/rotation_ransac.h"
@@ -20,13 +21,6 @@ namespace {
 constexpr double kSameOrigin = 1e-9;  // units of length: origins so near are one
 // Far below a squared standard deviation of a few hundred residuals.
 constexpr RigRefiner::Options kHeldScale{.max_iterations = 40, .min_decrease = 5e-4, .hold_scale = true};
-
-double median(std::vector<double>* values) {
-  if (values->empty()) return 0;
-  const auto middle = values->begin() + values->size() / 2;
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
 
 // The primary rays of a view, or their directions.
 std::vector<Ray> primary_rays(const RigTable& table, int view) {
@@ -53,7 +47,7 @@ bool all_from_one_origin(const RigTable& table) {
 double error_in_radians(const RigTable& table, double max_error) {
   std::vector<double> scales;
   for (const RigTable::Point& point : table.points) scales.push_back(std::sqrt(point.weight2));
-  return max_error / std::max(median(&scales), 1e-300);
+  return max_error / std::max(median_of(&scales), 1e-300);
 }
 
 // Triangulates every point and decides on the inliers; fills points (in the table's frame), marks and
@@ -93,7 +87,7 @@ void map_points(const RigTable& table, const RigMotion& motion, double max_error
     parallax.push_back(result.parallax);
   }
   start->inlier_count = static_cast<int>(inliers->size());
-  start->median_parallax = median(&parallax);
+  start->median_parallax = median_of(&parallax);
   start->rms_error = std::sqrt(squared / std::max(1, residuals));
 }
 
@@ -288,7 +282,7 @@ GenericStart start_generic(const RigMatches& matches, const GenericStartOptions&
     displacement.push_back(
         angle_between(table.primary(point, 0).direction, table.primary(point, 2).direction));
   }
-  start.median_displacement = median(&displacement);
+  start.median_displacement = median_of(&displacement);
 
   using Method = GenericStartMethod;
   const bool automatic = options.method == Method::kAuto;

@@ -6,6 +6,7 @@
 #include <array>
 #include <limits>
 
+#include "raysfm/geometry/ray.h"
 #include "raysfm/robust/three_view_refinement.h"
 
 namespace raysfm {
@@ -28,13 +29,6 @@ struct Frames {
           motion.rig2_from_rig0.rotation.toRotationMatrix()},
         t{Vector3d::Zero(), motion.rig1_from_rig0.translation, motion.rig2_from_rig0.translation} {}
 };
-
-Matrix23d tangent_rows(const Vector3d& unit) {
-  Matrix23d rows;
-  rows.row(0) = unit.unitOrthogonal();
-  rows.row(1) = unit.cross(Vector3d(rows.row(0)));
-  return rows;
-}
 
 RigMotion apply(const RigMotion& motion, const Vector12d& step, bool hold_scale) {
   RigMotion next{retract(motion.rig1_from_rig0, step.head<6>()),

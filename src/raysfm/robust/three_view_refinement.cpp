@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "raysfm/geometry/ray.h"
+
 namespace raysfm {
 
 using Eigen::Matrix3d;
@@ -17,13 +19,6 @@ using Vector11d = Eigen::Matrix<double, 11, 1>;
 namespace {
 
 // Two unit rows orthogonal to `unit` and each other.
-Eigen::Matrix<double, 2, 3> tangent_rows(const Vector3d& unit) {
-  Eigen::Matrix<double, 2, 3> rows;
-  rows.row(0) = unit.unitOrthogonal();
-  rows.row(1) = unit.cross(Vector3d(rows.row(0)));
-  return rows;
-}
-
 // Residual of a view: the tangent of the angle between a bearing and where the point is seen. False behind.
 bool residual(const Eigen::Matrix<double, 2, 3>& tangents, const Vector3d& bearing, const Vector3d& seen,
               Vector2d* r) {

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "raysfm/core/median.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/robust/ransac.h"
 #include "raysfm/robust/rotation_ransac.h"
@@ -18,13 +19,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 namespace {
-
-double median(std::vector<double>* values) {
-  if (values->empty()) return 0;
-  const auto middle = values->begin() + values->size() / 2;
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
 
 // Keeps about `most` of the indices, evenly spread.
 void thin_out(size_t most, std::vector<int>* indices) {
@@ -147,7 +141,7 @@ void map_points(const ThreeViewBearings& bearings, double max_error, ThreeViewSt
     squared += point.rms_angle * point.rms_angle;
     parallax.push_back(angle_between(in_cam0, bearings.views[0][i]));
   }
-  start->median_parallax = median(&parallax);
+  start->median_parallax = median_of(&parallax);
   start->rms_error = std::sqrt(squared / std::max(1, start->inlier_count));
 }
 
@@ -281,7 +275,7 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
 
   std::vector<double> displacement(count);
   for (int i = 0; i < count; ++i) displacement[i] = angle_between(bearings0[i], bearings2[i]);
-  start.median_displacement = median(&displacement);
+  start.median_displacement = median_of(&displacement);
   start.problem = StartProblem::kNoMotion;
   if (!(start.median_displacement >= options.min_displacement)) return start;
 

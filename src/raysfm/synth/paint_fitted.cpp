@@ -8,10 +8,6 @@ namespace raysfm::synth {
 
 namespace {
 
-float speckle(const Texture& noise, float u, float v, float times, int channel) {
-  return noise.sample(times * u, times * v, 0.f)[channel] / 255.f - 0.5f;
-}
-
 // Any colour, not too gaudy.
 Colour vivid(int x, int y, uint32_t seed) {
   const Colour c(chance(x, y, seed), chance(x, y, seed + 1), chance(x, y, seed + 2));

@@ -9,10 +9,6 @@ namespace raysfm::synth {
 namespace {
 
 // Noise in [-0.5, 0.5] of one channel, `times` periods over the pattern's own.
-float speckle(const Texture& noise, float u, float v, float times, int channel) {
-  return noise.sample(times * u, times * v, 0.f)[channel] / 255.f - 0.5f;
-}
-
 struct Bond {
   int courses;             // rows per period
   int units;               // per row and period
