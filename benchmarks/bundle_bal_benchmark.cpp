@@ -25,6 +25,7 @@ namespace {
 
 constexpr int kMostIterations = 50;
 constexpr double kLeastDecrease = 1e-6;
+constexpr double kMostSeconds = 120;  // of a rival on one problem
 
 double median(std::vector<double> values) {
   std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
@@ -89,13 +90,14 @@ struct Rival {
   std::vector<double> ms;
   double cost = 0;
   int iterations = 0;
+  bool stopped = false;
 };
 
 void report(const Rival& r, const std::vector<double>& ours) {
   std::vector<double> ratio;
   for (size_t i = 0; i < r.ms.size(); ++i) ratio.push_back(r.ms[i] / ours[i]);
-  std::printf("  %-28s %9.1f ms  %2d iterations  cost %.9g  takes %.2f of our time\n", r.name.c_str(),
-              median(r.ms), r.iterations, r.cost, median(ratio));
+  std::printf("  %-28s %9.1f ms  %2d iterations  cost %.9g  takes %.2f of our time%s\n", r.name.c_str(),
+              median(r.ms), r.iterations, r.cost, median(ratio), r.stopped ? ", stopped before its end" : "");
 }
 
 void run(const std::string& name, int runs) {
@@ -134,10 +136,12 @@ void run(const std::string& name, int runs) {
           const auto summary = test::adjust_with_ceres(problem, {.max_iterations = kMostIterations,
                                                                  .function_tolerance = kLeastDecrease,
                                                                  .solver = solvers[k - 1],
-                                                                 .threads = threads});
+                                                                 .threads = threads,
+                                                                 .max_seconds = kMostSeconds});
           rivals[k].ms.push_back(1e3 * summary.total_time_in_seconds);
           rivals[k].cost = summary.final_cost;
           rivals[k].iterations = static_cast<int>(summary.iterations.size()) - 1;
+          rivals[k].stopped |= summary.total_time_in_seconds > kMostSeconds;
         }
 #endif
       }

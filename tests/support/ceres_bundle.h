@@ -75,6 +75,7 @@ struct CeresBundleOptions {
   double function_tolerance = 1e-6;
   ceres::LinearSolverType solver = ceres::DENSE_SCHUR;
   int threads = 1;
+  double max_seconds = 1e9;
 };
 
 inline ceres::LossFunction* ceres_loss(const RobustLoss& loss) {
@@ -102,6 +103,7 @@ inline ceres::Solver::Summary solve_with_ceres(ceres::Problem* problem,
   solver.gradient_tolerance = 0;
   solver.parameter_tolerance = 0;
   solver.num_threads = options.threads;
+  solver.max_solver_time_in_seconds = options.max_seconds;
   solver.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(solver, problem, &summary);
