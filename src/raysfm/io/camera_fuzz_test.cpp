@@ -8,6 +8,7 @@
 #include "raysfm/core/random.h"
 #include "raysfm/io/camera_file.h"
 #include "support/camera_texts.h"
+#include "support/damage.h"
 
 namespace raysfm {
 namespace {
@@ -37,44 +38,17 @@ void expect_rig_or_line(const std::string& text) {
   ASSERT_TRUE(again) << again.error().message;
 }
 
-// One to four changes: bytes, cuts, copies, and pieces that have a meaning in some format.
-std::string damaged(std::string text, Rng& random) {
-  static const char* const pieces[] = {
-      "[",   "]",           "{",  "}",    ":",   "- ",   "&a ", "*a",   "!!",           "<",    ">",     "</",
-      "<_>", "&amp;",       "\"", "'",    "|\n", "\n",   "\t",  "%",    "nan",          ".inf", "1e999", "-1",
-      "0",   "99999999999", "? ", "--- ", "...", "<<: ", "#",   "\xff", "\xef\xbb\xbf", "cam0", "P0:"};
-  const uint32_t changes = 1 + random.index(4);
-  for (uint32_t i = 0; i < changes; ++i) {
-    const size_t size = text.size();
-    if (size == 0) break;
-    const size_t at = random.index(static_cast<uint32_t>(size));
-    const size_t length = std::min<size_t>(1 + random.index(40), size - at);
-    switch (random.index(6)) {
-      case 0:
-        text[at] = static_cast<char>(random.index(256));
-        break;
-      case 1:
-        text.erase(at, length);
-        break;
-      case 2:
-        text.resize(at);
-        break;
-      case 3:
-        text.insert(random.index(static_cast<uint32_t>(size)), text.substr(at, length));
-        break;
-      default:
-        text.insert(at, pieces[random.index(std::size(pieces))]);
-        break;
-    }
-  }
-  return text;
-}
+// Pieces that have a meaning in some format.
+const std::string kPieces[] = {
+    "[",   "]",           "{",  "}",    ":",   "- ",   "&a ", "*a",   "!!",           "<",    ">",     "</",
+    "<_>", "&amp;",       "\"", "'",    "|\n", "\n",   "\t",  "%",    "nan",          ".inf", "1e999", "-1",
+    "0",   "99999999999", "? ", "--- ", "...", "<<: ", "#",   "\xff", "\xef\xbb\xbf", "cam0", "P0:"};
 
 TEST(CameraFuzz, DamagedFiles) {
   Rng random(20);
   for (const std::string& text : testing_support::camera_texts()) {
     for (int i = 0; i < 1500; ++i) {
-      const std::string broken = damaged(text, random);
+      const std::string broken = testing_support::damaged(text, kPieces, random);
       expect_rig_or_line(broken);
       ASSERT_FALSE(HasFatalFailure()) << broken;
     }

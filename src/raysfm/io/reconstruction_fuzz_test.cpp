@@ -8,6 +8,7 @@
 #include "raysfm/io/bal_file.h"
 #include "raysfm/io/colmap_file.h"
 #include "raysfm/io/colmap_model.h"
+#include "support/damage.h"
 #include "support/small_reconstruction.h"
 #include "support/temporary_folder.h"
 
@@ -57,55 +58,27 @@ void expect_model_or_line(const ColmapFiles& files) {
     (void)camera_model_from_colmap(camera.model, camera.parameters);
 }
 
-// One to three changes: bytes, cuts, copies, and pieces that have a meaning.
-std::string damaged(std::string text, Rng& random) {
-  using namespace std::string_literals;
-  static const std::string pieces[] = {" ",
-                                       "\n",
-                                       "-1",
-                                       "nan",
-                                       "inf",
-                                       "1e999",
-                                       "1e308",
-                                       "99999999999",
-                                       "18446744073709551615",
-                                       "0x1",
-                                       "#",
-                                       "\n\n",
-                                       "1 ",
-                                       "\0"s,
-                                       "\xff\xff\xff\xff"s,
-                                       "\0\0\0\0\0\0\xf0\x7f"s,
-                                       "\0\0\0\0"s,
-                                       "PINHOLE",
-                                       "4294967296"};
-  for (uint32_t change = 1 + random.index(3); change > 0 && !text.empty(); --change) {
-    const size_t size = text.size(), at = random.index(static_cast<uint32_t>(size));
-    const size_t length = std::min<size_t>(1 + random.index(40), size - at);
-    const std::string& piece = pieces[random.index(std::size(pieces))];
-    switch (random.index(6)) {
-      case 0:
-        text[at] = static_cast<char>(random.index(256));
-        break;
-      case 1:
-        text.erase(at, length);
-        break;
-      case 2:
-        text.resize(at);
-        break;
-      case 3:
-        text.insert(random.index(static_cast<uint32_t>(size)), text.substr(at, length));
-        break;
-      case 4:
-        text.insert(at, piece);
-        break;
-      default:
-        text.replace(at, piece.size(), piece);
-        break;
-    }
-  }
-  return text;
-}
+// Pieces that have a meaning in these formats.
+using namespace std::string_literals;
+const std::string kPieces[] = {" ",
+                               "\n",
+                               "-1",
+                               "nan",
+                               "inf",
+                               "1e999",
+                               "1e308",
+                               "99999999999",
+                               "18446744073709551615",
+                               "0x1",
+                               "#",
+                               "\n\n",
+                               "1 ",
+                               "\0"s,
+                               "\xff\xff\xff\xff"s,
+                               "\0\0\0\0\0\0\xf0\x7f"s,
+                               "\0\0\0\0"s,
+                               "PINHOLE",
+                               "4294967296"};
 
 // What of it lies at the beginning is hit more often: counts and identifiers.
 ColmapFiles small_model(bool binary) {
@@ -141,7 +114,7 @@ TEST(ReconstructionFuzz, DamagedBalFiles) {
   expect_bal_or_line(text);
   Rng random(1);
   for (int i = 0; i < 20000; ++i) {
-    const std::string broken = damaged(text, random);
+    const std::string broken = testing_support::damaged(text, kPieces, random);
     expect_bal_or_line(broken);
     ASSERT_FALSE(HasFatalFailure()) << broken;
   }
@@ -156,7 +129,7 @@ TEST(ReconstructionFuzz, DamagedColmapModels) {
       ColmapFiles files = whole;
       std::string* const contents[] = {&files.cameras, &files.images, &files.points};
       std::string& content = *contents[random.index(3)];
-      content = damaged(content, random);
+      content = testing_support::damaged(content, kPieces, random);
       expect_model_or_line(files);
       ASSERT_FALSE(HasFatalFailure()) << content;
     }
