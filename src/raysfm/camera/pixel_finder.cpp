@@ -27,6 +27,11 @@ struct TangentPlane {
     *c = tangents * v / depth;
     return depth > 1e-3 * v.norm();
   }
+
+  // d coordinates / d v where they are `c`.
+  Eigen::Matrix<double, 2, 3> slope(const Eigen::Vector3d& v, const Eigen::Vector2d& c) const {
+    return (tangents - c * axis.transpose()) / axis.dot(v);
+  }
 };
 
 // f(pixel) = coordinates of the point as the pixel's origin sees it, less those of the pixel's ray. Zero
@@ -47,37 +52,40 @@ struct Miss {
     return true;
   }
 
-  // df / dpixel by differences of `h` pixels, to one side at the border of what the camera sees.
+  // df / dpixel by differences of `h` pixels, to the other side at the border of what the camera sees.
   bool jacobian(const Eigen::Vector2d& pixel, const Eigen::Vector2d& f, double h, Eigen::Matrix2d* j) const {
     for (int i = 0; i < 2; ++i) {
-      const Eigen::Vector2d step = h * Eigen::Vector2d::Unit(i);
-      Eigen::Vector2d plus = f, minus = f;
-      const bool has_plus = (*this)(pixel + step, &plus), has_minus = (*this)(pixel - step, &minus);
-      if (!has_plus && !has_minus) return false;
-      j->col(i) = (plus - minus) / (has_plus && has_minus ? 2 * h : h);
+      Eigen::Vector2d next, step = h * Eigen::Vector2d::Unit(i);
+      if (!(*this)(pixel + step, &next) && !(*this)(pixel + (step = -step), &next)) return false;
+      j->col(i) = (next - f) / step[i];
     }
     return true;
   }
 };
 
-// Newton's method from `pixel`. Steps are halved until they stay where the camera sees something and bring f
-// down; none is longer than `max_step`, and a first one that would be starts too far away. While f falls fast
-// the derivative follows by Broyden's updates, else it is computed again.
-bool solve(const Miss& miss, double max_step, Eigen::Vector2d* pixel) {
+// Newton's method from `pixel`, where f and its derivative `j` are known, if not exactly. Steps are halved
+// until they stay where the camera sees something and bring f down; none is longer than `max_step`, and a
+// first one that would be starts too far away. While f falls fast the derivative follows by Broyden's
+// updates, else it is computed again; with `exact_slope` also near the end, so that `j` is the derivative
+// there to 1e-3.
+bool solve(const Miss& miss, double max_step, bool exact_slope, Eigen::Vector2d f, Eigen::Vector2d* pixel,
+           Eigen::Matrix2d* j) {
   constexpr int kMaxIterations = 30, kMaxHalvings = 8;
-  constexpr double kTolerance = 1e-8, kDifference = 0.25;  // pixels
+  constexpr double kTolerance = 1e-9, kDifference = 1e-2, kNear = 0.1;  // pixels
   constexpr double kFast = 0.1;
-  Eigen::Vector2d p = *pixel, f;
-  Eigen::Matrix2d j;
-  if (!miss(p, &f) || !miss.jacobian(p, f, kDifference, &j)) return false;
+  Eigen::Vector2d p = *pixel;
   bool fresh = true;
+  double rate = 1, from_slope = INFINITY;  // by which f fell, and the distance to where `j` was computed
   for (int i = 0; i < kMaxIterations; ++i) {
-    Eigen::Vector2d step = -(j.inverse() * f);
+    Eigen::Vector2d step = -(j->inverse() * f);
     const double length = step.norm();
     if (!std::isfinite(length) || (i == 0 && length > max_step)) return false;
-    if (length < kTolerance) return *pixel = p + step, true;
+    if (length * rate < kTolerance) {
+      *pixel = p + step;
+      return !exact_slope || from_slope < kNear || miss.jacobian(p, f, kDifference, j);
+    }
     step *= std::min(1.0, max_step / length);
-    Eigen::Vector2d next = p + step, next_f;
+    Eigen::Vector2d next = p + step, next_f = f;
     int halvings = 0;
     while (halvings <= kMaxHalvings && (!miss(next, &next_f) || !(next_f.squaredNorm() < f.squaredNorm()))) {
       ++halvings;
@@ -85,13 +93,17 @@ bool solve(const Miss& miss, double max_step, Eigen::Vector2d* pixel) {
     }
     const bool moved = halvings <= kMaxHalvings;
     if (!moved && fresh) return false;
-    fresh = !moved || next_f.norm() > kFast * f.norm();
-    if (!fresh) j += (next_f - f - j * step) * step.transpose() / step.squaredNorm();
+    rate = moved ? next_f.norm() / f.norm() : 1;
+    fresh = rate > kFast || (exact_slope && from_slope > kNear && rate * step.norm() < kNear);
     if (moved) {
+      if (!fresh) *j += (next_f - f - *j * step) * step.transpose() / step.squaredNorm();
       p = next;
       f = next_f;
+      from_slope += step.norm();
     }
-    if (fresh && !miss.jacobian(p, f, kDifference, &j)) return false;
+    if (!fresh) continue;
+    if (!miss.jacobian(p, f, kDifference, j)) return false;
+    from_slope = 0;
   }
   return false;
 }
@@ -137,10 +149,11 @@ PixelFinder::PixelFinder(const Camera& camera) : camera_(camera), projects_(came
 void PixelFinder::tabulate_rays() {
   constexpr int kCount = kGrid * kGrid;
   for (auto* array : {&ox_, &oy_, &oz_, &dx_, &dy_, &dz_}) array->assign(kCount, 0.0f);
+  slopes_.assign(kCount, {});
   std::vector<Ray> rays(kCount);
   std::vector<Eigen::Vector3d> origins;
   for (int i = 0; i < kCount; ++i) {
-    if (camera_.ray(grid_pixel(i), &rays[i])) {
+    if (camera_.ray(grid_pixel(i), &rays[i]) && slope_at(grid_pixel(i), rays[i], &slopes_[i])) {
       origins.push_back(rays[i].origin);
     } else {
       rays[i] = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
@@ -171,6 +184,19 @@ void PixelFinder::tabulate_rays() {
     if (farthest > 0)
       min_cosine_[i] = static_cast<float>(std::cos(std::min(std::numbers::pi, 2 * farthest + cell)));
   }
+}
+
+// To one side where the other sees nothing.
+bool PixelFinder::slope_at(const Eigen::Vector2d& pixel, const Ray& ray, Slope* slope) const {
+  constexpr double kDifference = 0.25;  // pixels
+  for (int i = 0; i < 2; ++i) {
+    Ray next;
+    Eigen::Vector2d step = kDifference * Eigen::Vector2d::Unit(i);
+    if (!camera_.ray(pixel + step, &next) && !camera_.ray(pixel + (step = -step), &next)) return false;
+    slope->direction.col(i) = ((next.direction - ray.direction) / step[i]).cast<float>();
+    slope->origin.col(i) = ((next.origin - ray.origin) / step[i]).cast<float>();
+  }
+  return true;
 }
 
 void PixelFinder::tabulate_directions() {
@@ -246,23 +272,22 @@ bool PixelFinder::search_all(const Eigen::Vector3d& point, int tried, Eigen::Vec
 
 bool PixelFinder::solve_from(int start, const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
                              Eigen::Matrix<double, 2, 3>* jacobian) const {
-  constexpr double kDifference = 1e-3;  // pixels
   const double max_step = 4.0 * std::max(camera_.width, camera_.height) / kGrid;
+  const Eigen::Vector3d origin(ox_[start], oy_[start], oz_[start]);
+  const Eigen::Vector3d direction(dx_[start], dy_[start], dz_[start]);
+  const Miss miss{camera_, point, TangentPlane((point - origin).normalized())};
+  Eigen::Vector2d seen;
+  if (!miss.plane.coordinates(direction, &seen)) return false;
   *pixel = grid_pixel(start);
-  Ray ray;
-  if (!camera_.ray(*pixel, &ray)) return false;
-  const Miss miss{camera_, point, TangentPlane((point - ray.origin).normalized())};
-  if (!solve(miss, max_step, pixel)) return false;
+  const Slope& slope = slopes_[start];
+  Eigen::Matrix2d by_pixel =
+      -miss.plane.slope(point - origin, Eigen::Vector2d::Zero()) * slope.origin.cast<double>() -
+      miss.plane.slope(direction, seen) * slope.direction.cast<double>();
+  if (!solve(miss, max_step, jacobian != nullptr, -seen, pixel, &by_pixel)) return false;
   if (!jacobian) return true;
-  Eigen::Vector2d f;
-  Eigen::Matrix2d by_pixel;
-  if (!miss(*pixel, &f) || !miss.jacobian(*pixel, f, kDifference, &by_pixel) || !camera_.ray(*pixel, &ray)) {
-    return false;
-  }
-  const Eigen::Vector3d m = point - ray.origin;
-  const double depth = miss.plane.axis.dot(m);
-  const Eigen::Vector2d c = miss.plane.tangents * m / depth;
-  *jacobian = -by_pixel.inverse() * (miss.plane.tangents - c * miss.plane.axis.transpose()) / depth;
+  Ray ray;
+  if (!camera_.ray(*pixel, &ray) || !miss.plane.coordinates(ray.direction, &seen)) return false;
+  *jacobian = -by_pixel.inverse() * miss.plane.slope(point - ray.origin, seen);
   return jacobian->allFinite();
 }
 

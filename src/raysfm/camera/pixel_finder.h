@@ -37,10 +37,18 @@ class PixelFinder {
                   Eigen::Matrix<double, 2, 3>* jacobian) const;
   Eigen::Vector2d grid_pixel(int ray) const;
 
+  // Change of a ray's direction and origin with its pixel.
+  struct Slope {
+    Eigen::Matrix<float, 3, 2> direction = Eigen::Matrix<float, 3, 2>::Zero();
+    Eigen::Matrix<float, 3, 2> origin = Eigen::Matrix<float, 3, 2>::Zero();
+  };
+  bool slope_at(const Eigen::Vector2d& pixel, const Ray& ray, Slope* slope) const;
+
   Camera camera_;
   bool projects_ = true;
   // The grid of rays, row by row, one array for each coordinate; directions are zero where nothing is seen.
   std::vector<float> ox_, oy_, oz_, dx_, dy_, dz_;
+  std::vector<Slope> slopes_;      // of each ray of the grid
   std::vector<float> min_cosine_;  // of the angle to a point that a pixel near this ray can see
   std::vector<int> nearest_;       // ray nearest to each direction of the cube; -1: there are no rays
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // mean of the origins
