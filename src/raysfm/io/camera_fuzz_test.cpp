@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include <chrono>
+#include <ctime>
 
 #include "raysfm/core/random.h"
 #include "raysfm/io/camera_file.h"
@@ -111,10 +111,10 @@ TEST(CameraFuzz, HostileDocuments) {
       "1 PINHOLE 640 480" + repeated(" 1", 2000000),
   };
   for (const std::string& document : documents) {
-    const auto start = std::chrono::steady_clock::now();
+    const std::clock_t start = std::clock();
     expect_rig_or_line(document);
-    const std::chrono::duration<double> time = std::chrono::steady_clock::now() - start;
-    EXPECT_LT(time.count(), 20) << document.substr(0, 20);
+    const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;  // of the processor
+    EXPECT_LT(seconds, 20) << document.substr(0, 20);
   }
 }
 
