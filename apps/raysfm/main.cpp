@@ -1,5 +1,6 @@
 #include <cstdio>
 #include <exception>
+#include <string>
 
 #include "commands.h"
 
@@ -22,6 +23,9 @@ int run(int argc, char** argv) {
   CLI::App program{"raysfm: camera poses and a map from video, whatever the camera", "raysfm"};
   program.set_version_flag("--version", RAYSFM_VERSION);
   program.require_subcommand(1);
+  program.failure_message([](const CLI::App*, const CLI::Error& e) {
+    return std::string("raysfm: ") + e.what() + " (--help tells what is)\n";
+  });
   program.fallthrough();
 
   CommonOptions common;
