@@ -2,7 +2,10 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <vector>
+
+#include "raysfm/core/median.h"
 
 namespace raysfm {
 namespace {
@@ -11,12 +14,7 @@ constexpr double kMaxFocalSigma = 0.3;
 constexpr double kSmallAngle = 0.02;  // radians
 constexpr double kSmallShare = 0.01;  // of the extent of the scene
 
-bool lenses_are_known(std::span<const Lens> lenses, std::span<const LensVector> sigma) {
-  const auto known = [&](size_t j) { return sigma[j][0] < kMaxFocalSigma * lenses[j].fx; };
-  size_t count = 0;
-  for (size_t j = 0; j < lenses.size(); ++j) count += known(j);
-  return 2 * count > lenses.size();
-}
+constexpr double kMinParallax = 0.01;  // radians
 
 // Square roots of the ascending eigenvalues of the covariance.
 Eigen::Vector3d extents(std::span<const Eigen::Vector3d> points) {
@@ -27,6 +25,20 @@ Eigen::Vector3d extents(std::span<const Eigen::Vector3d> points) {
     covariance += (x - mean) * (x - mean).transpose() / double(points.size());
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance);
   return eigen.eigenvalues().cwiseMax(0).cwiseSqrt();
+}
+
+// The median over the points of the largest angle between the rays of two cameras.
+double median_parallax(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vector3d> centres) {
+  std::vector<double> angles;
+  for (const Eigen::Vector3d& x : points) {
+    double largest = 0;
+    for (const Eigen::Vector3d& c : centres) {
+      const Eigen::Vector3d a = (x - c).normalized(), b = (x - centres[0]).normalized();
+      largest = std::max(largest, std::atan2(a.cross(b).norm(), a.dot(b)));
+    }
+    angles.push_back(largest);
+  }
+  return median_of(&angles);
 }
 
 double largest_rotation(std::span<const Rigid3> poses) {
@@ -49,8 +61,11 @@ double largest_angle_of_axes(std::span<const Rigid3> poses) {
   return largest;
 }
 
-// Root mean square distance of the optical axes from the point nearest to all of them.
-double miss_of_axes(std::span<const Rigid3> poses) {
+// Whether the optical axes pass through one point, up to a share of the extent of the scene and to what the
+// standard deviations of the principal points let them turn.
+bool axes_meet(std::span<const Rigid3> poses, std::span<const Lens> lenses, std::span<const LensVector> sigma,
+               double extent) {
+  constexpr double kMaxTurn = 0.1;  // radians
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   std::vector<Eigen::Matrix3d> across;
@@ -63,12 +78,23 @@ double miss_of_axes(std::span<const Rigid3> poses) {
     right += across.back() * centres.back();
   }
   const Eigen::Vector3d nearest = normal.ldlt().solve(right);
-  double sum = 0;
-  for (size_t j = 0; j < poses.size(); ++j) sum += (across[j] * (nearest - centres[j])).squaredNorm();
-  return std::sqrt(sum / double(poses.size()));
+  double miss = 0, allowed = 0;
+  for (size_t j = 0; j < poses.size(); ++j) {
+    const double turn = std::hypot(sigma[j][2], sigma[j][3]) / lenses[j].fx;
+    const double far = std::min(turn, kMaxTurn) * (nearest - centres[j]).norm();
+    miss += (across[j] * (nearest - centres[j])).squaredNorm();
+    allowed += far * far + kSmallShare * kSmallShare * extent * extent;
+  }
+  return miss < allowed;
 }
 
 }  // namespace
+
+bool focal_lengths_are_known(std::span<const Lens> lenses, std::span<const LensVector> sigma) {
+  size_t count = 0;
+  for (size_t j = 0; j < lenses.size(); ++j) count += sigma[j][0] < kMaxFocalSigma * lenses[j].fx;
+  return 2 * count > lenses.size();
+}
 
 std::string name_degeneracy(const UncalibratedScene& scene, std::span<const uint8_t> image_posed,
                             std::span<const uint8_t> point_placed, std::span<const LensVector> sigma) {
@@ -88,14 +114,14 @@ std::string name_degeneracy(const UncalibratedScene& scene, std::span<const uint
   }
   if (poses.empty() || points.empty()) return "";
   // Critical whatever the standard deviations say: where the adjustment ended they may be small by chance.
+  if (median_parallax(points, centres) < kMinParallax) return "pure rotation";
   if (largest_rotation(poses) < kSmallAngle) return "pure translation";
   if (largest_angle_of_axes(poses) < kSmallAngle) return "parallel optical axes";
-  if (lenses_are_known(lenses, sigmas)) return "";
+  if (focal_lengths_are_known(lenses, sigmas)) return "";
   const Eigen::Vector3d scene_extents = extents(points);
   const double extent = scene_extents[2];
-  if (extents(centres)[2] < kSmallShare * extent) return "pure rotation";
   if (scene_extents[0] < kSmallShare * extent) return "planar scene";
-  if (miss_of_axes(poses) < kSmallShare * extent) return "optical axes through one point";
+  if (axes_meet(poses, lenses, sigmas, extent)) return "optical axes through one point";
   return "undetermined";
 }
 

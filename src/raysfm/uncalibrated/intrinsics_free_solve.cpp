@@ -9,7 +9,7 @@ namespace raysfm {
 bool IntrinsicsFreeProblem::find_low_rank(double damping) {
   const int images = index_.image_count(), n = 6 * images;
   if (!elimination_.reduce(damping)) return false;
-  const Eigen::MatrixXd& s = elimination_.reduced();
+  const PointElimination::Matrix s = elimination_.reduced();
   factor_.resize(n, n);
   half_.resize(n, n);
   gamma_matrix_.resize(n, n);

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kMinImagesPerPoint = 2;
 constexpr double kPolishDamping = 1e-6;
-constexpr double kRoughDecrease = 1e-3;  // of the adjustment that is polished afterwards
+constexpr double kRoughDecrease = 1e-2;  // of the adjustment that is polished afterwards
 
 Result<void> check_sizes(const PointTracks& tracks, std::span<const double> weights,
                          const UncalibratedScene& scene) {
@@ -129,17 +129,12 @@ void find_sigma(const ObservationIndex& index, const LensAdjustmentOptions& opti
   for (int j = 0; j < index.image_count(); ++j) summary->lens_sigma[index.images[j]] = sigma[j];
 }
 
-bool is_valid(const IntrinsicsFreeProblem& problem) {
-  return problem.valid();
-}
-bool is_valid(const StandardProblem&) {
-  return true;
-}
-
-// One minimisation after another, the weights of the loss renewed between them.
-template <typename Problem>
+// One minimisation after another, the weights of the loss renewed between them. `further` is what the
+// problem is made from besides.
+template <typename Problem, typename... Further>
 Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustmentOptions& options,
-                                       const PointTracks& tracks, UncalibratedScene* scene) {
+                                       const PointTracks& tracks, UncalibratedScene* scene,
+                                       Further... further) {
   constexpr double kLeastWeight = 1e-4;  // keeps every point determined
   LensAdjustmentSummary summary;
   const bool robust = options.loss.kind != RobustLoss::Kind::kNone;
@@ -154,9 +149,10 @@ Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustm
         index.weight[o] = given[o] * std::max(kLeastWeight, options.loss.weight(errors[o]));
       }
     }
-    Problem problem(index, options, part);
-    if (!is_valid(problem))
+    Problem problem(index, options, part, further...);
+    if (!problem.valid()) {
       return bad_input("scene: the points of an image lie on a line, or on one with its camera");
+    }
     summary.lm = levenberg_marquardt(problem, options.lm);
     iterations += summary.lm.iterations;
     summary.costs = problem.costs();
@@ -203,6 +199,19 @@ void meet_constraints(const ObservationIndex& index, const LensConstraints& cons
   }
 }
 
+// The adjustment with lenses that are read: as unknowns, or as the start of dependent ones.
+Result<LensAdjustmentSummary> adjust_from_lenses(ObservationIndex index, const PointTracks& tracks,
+                                                 const LensAdjustmentOptions& options, LensRole role,
+                                                 UncalibratedScene* scene) {
+  for (const int j : index.images) {
+    const Lens& lens = scene->lenses[j];
+    if (lens.vector().allFinite() && lens.fx > 0 && lens.fy > 0) continue;
+    return bad_input("scene: lens " + std::to_string(j) + " must be finite, its fx and fy above 0");
+  }
+  meet_constraints(index, options.constraints, scene);
+  return minimise<StandardProblem>(std::move(index), options, tracks, scene, role);
+}
+
 }  // namespace
 
 Result<LensAdjustmentSummary> adjust_intrinsics_free(const PointTracks& tracks,
@@ -211,6 +220,9 @@ Result<LensAdjustmentSummary> adjust_intrinsics_free(const PointTracks& tracks,
                                                      UncalibratedScene* scene) {
   auto index = usable(tracks, weights, options, *scene);
   if (!index) return index.error();
+  if (options.estimate == LensEstimate::kLeastSquares) {
+    return adjust_from_lenses(std::move(*index), tracks, options, LensRole::kDependent, scene);
+  }
   return minimise<IntrinsicsFreeProblem>(std::move(*index), options, tracks, scene);
 }
 
@@ -219,28 +231,23 @@ Result<LensAdjustmentSummary> adjust_standard(const PointTracks& tracks, std::sp
                                               UncalibratedScene* scene) {
   auto index = usable(tracks, weights, options, *scene);
   if (!index) return index.error();
-  for (const int j : index->images) {
-    const Lens& lens = scene->lenses[j];
-    if (lens.vector().allFinite() && lens.fx > 0 && lens.fy > 0) continue;
-    return bad_input("scene: lens " + std::to_string(j) + " must be finite, its fx and fy above 0");
-  }
-  meet_constraints(*index, options.constraints, scene);
-  return minimise<StandardProblem>(std::move(*index), options, tracks, scene);
+  return adjust_from_lenses(std::move(*index), tracks, options, LensRole::kUnknown, scene);
 }
 
 Result<LensAdjustmentSummary> adjust_polished(const PointTracks& tracks, std::span<const double> weights,
                                               const LensAdjustmentOptions& options,
                                               UncalibratedScene* scene) {
-  LensAdjustmentOptions first = options;
+  LensAdjustmentOptions first = options, second = options;
   first.with_sigma = false;
+  first.estimate = LensEstimate::kMoments;
+  second.estimate = LensEstimate::kLeastSquares;
   first.lm.min_relative_decrease = std::max(kRoughDecrease, options.lm.min_relative_decrease);
   UncalibratedScene start = *scene;
   const auto rough = adjust_intrinsics_free(tracks, weights, first, &start);
   if (!rough) return rough;
   // Near the bottom, Gauss and Newton's step is a good one.
-  LensAdjustmentOptions second = options;
   second.lm.initial_damping = std::min(kPolishDamping, options.lm.initial_damping);
-  auto summary = adjust_standard(tracks, weights, second, &start);
+  auto summary = adjust_intrinsics_free(tracks, weights, second, &start);
   if (!summary) return summary;
   summary->lm.initial_cost = rough->lm.initial_cost;
   summary->lm.iterations += rough->lm.iterations;

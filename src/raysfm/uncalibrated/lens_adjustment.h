@@ -19,8 +19,16 @@ enum class ConstraintMethod { kWeights, kLagrange };
 // Where the intrinsics-free residual is taken: pixels (equation 12), or the space invariant to intrinsics.
 enum class CostSpace { kImage, kInvariant };
 
+// How the intrinsics-free adjustment has the lenses follow from poses and points.
+enum class LensEstimate {
+  kMoments,       // K = T_p T_m^-1 (IFBA01 equation 10): the constraints are further residuals
+  kLeastSquares,  // those that fit best and meet the constraints: the minimum is that of adjust_standard()
+};
+
 struct LensAdjustmentOptions {
   LensConstraints constraints;
+  LensEstimate estimate = LensEstimate::kMoments;  // of the intrinsics-free adjustment
+  // The next three are of kMoments alone.
   ConstraintMethod method = ConstraintMethod::kWeights;
   CostSpace space = CostSpace::kImage;
   // Weight of an exact constraint, relative to what the moments of an image say of the number: see
@@ -48,8 +56,8 @@ struct LensAdjustmentSummary {
 // An observation of an image with fewer than this many is not used: 11 numbers, two from each point.
 inline constexpr int kMinPointsPerImage = 6;
 
-// Intrinsics-free bundle adjustment (IFBA01 sections 3, 4). The lenses in `scene` are not read; they are
-// written a posteriori, K = T_p T_m^-1. `weights`: empty, or one >= 0 for each observation; 0 leaves it out.
+// Intrinsics-free bundle adjustment (IFBA01 sections 3, 4). By moments, the lenses in `scene` are not read;
+// they are written a posteriori. `weights`: empty, or one >= 0 for each observation; 0 leaves it out.
 // kBadInput: tracks and scene do not fit together, numbers not finite, fewer images than the constraints
 // need.
 Result<LensAdjustmentSummary> adjust_intrinsics_free(const PointTracks& tracks,
@@ -62,7 +70,8 @@ Result<LensAdjustmentSummary> adjust_intrinsics_free(const PointTracks& tracks,
 Result<LensAdjustmentSummary> adjust_standard(const PointTracks& tracks, std::span<const double> weights,
                                               const LensAdjustmentOptions& options, UncalibratedScene* scene);
 
-// Intrinsics-free, then standard from where it ended. Costs and sigmas are those of the second.
+// Intrinsics-free by moments, and from where that comes to gain little, by least squares: the minimum of
+// adjust_standard() in as few steps as by moments. Costs and sigmas are those of the second.
 Result<LensAdjustmentSummary> adjust_polished(const PointTracks& tracks, std::span<const double> weights,
                                               const LensAdjustmentOptions& options, UncalibratedScene* scene);
 

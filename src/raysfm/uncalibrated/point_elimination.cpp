@@ -1,135 +1,146 @@
 #include "raysfm/uncalibrated/point_elimination.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cassert>
+#include <cmath>
+#include <numeric>
+
+#include "raysfm/optim/cholesky_kernels.h"
 
 namespace raysfm {
 namespace {
 
-// target (B x B, by columns, `stride` apart) -= Z_row Z_column^T.
-template <int B>
-void subtract_product(const double* z_row, const double* z_column, double* target, int stride) {
-  for (int c = 0; c < B; ++c, target += stride) {
-    const double z0 = z_column[c], z1 = z_column[B + c], z2 = z_column[2 * B + c];
-    for (int r = 0; r < B; ++r) target[r] -= z_row[r] * z0 + z_row[B + r] * z1 + z_row[2 * B + r] * z2;
-  }
+constexpr int kSlack = std::max(kKernelSlack, kEliminationSlack);
+
+int block_number(int row, int column) {
+  return row * (row + 1) / 2 + column;
 }
 
 }  // namespace
 
 void PointElimination::set_structure(int images, int block, int shared, std::span<const int> point_begin,
                                      std::span<const int> image_of_slot) {
-  constexpr Kernel kKernels[] = {subtract_product<6>, subtract_product<7>,  subtract_product<8>,
-                                 subtract_product<9>, subtract_product<10>, subtract_product<11>,
-                                 subtract_product<12>};
-  assert(block >= 6 && block <= kMaxBlock);
+  assert(block >= 6 && block <= kMaxBlock && shared <= 8 && (shared == 0 || block <= 8));
   images_ = images;
   block_ = block;
   shared_ = shared;
-  kernel_ = kKernels[block - 6];
+  padded_ = padded_rows(block);
   point_begin_.assign(point_begin.begin(), point_begin.end());
-  image_of_slot_.assign(image_of_slot.begin(), image_of_slot.end());
-  w_.resize(size_t(3) * block * image_of_slot.size());
-  z_.resize(w_.size());
-  shared_w_.resize(size_t(3) * shared * points());
-  shared_z_.resize(shared_w_.size());
+  first_row_.resize(image_of_slot.size());
+  for (int slot = 0; slot < slots(); ++slot) first_row_[slot] = block * image_of_slot[slot];
+  w_.assign(place(slots() + (shared > 0 ? points() : 0)), 0.0);
+  z_.assign(w_.size(), 0.0);
   v_.resize(points());
-  inverse_factor_.resize(points());
+  inverse_factor_.resize(size_t(6) * points());
   point_gradient_.resize(points());
   y_.resize(points());
   point_steps_.resize(points());
   u_.resize(rows(), rows());
-  reduced_.resize(rows(), rows());
   gradient_.resize(rows());
-  right_.resize(rows());
+  reduced_.assign(size_t(rows()) * rows() + kSlack, 0.0);
+  right_.assign(rows() + kSlack, 0.0);
+  numbers_.assign(rows() + kSlack, 0.0);
+  list_pairs(image_of_slot);
+}
+
+void PointElimination::list_pairs(std::span<const int> image_of_slot) {
+  const int blocks = images_ + (shared_ > 0 ? 1 : 0);
+  const auto each = [&](auto&& body) {
+    for (int point = 0; point < points(); ++point) {
+      const int begin = point_begin_[point], end = point_begin_[point + 1];
+      for (int row = begin; row < end; ++row) {
+        for (int column = begin; column <= row; ++column) {
+          body(block_number(image_of_slot[row], image_of_slot[column]), row, column);
+        }
+      }
+      if (shared_ == 0) continue;
+      const int own = slots() + point;
+      for (int column = begin; column < end; ++column) {
+        body(block_number(images_, image_of_slot[column]), own, column);
+      }
+      body(block_number(images_, images_), own, own);
+    }
+  };
+  pair_begin_.assign(block_number(blocks, 0) + 1, 0);
+  each([&](int number, int, int) { ++pair_begin_[number + 1]; });
+  std::partial_sum(pair_begin_.begin(), pair_begin_.end(), pair_begin_.begin());
+  pairs_.resize(pair_begin_.back());
+  each([&](int number, int row, int column) {
+    pairs_[pair_begin_[number]++] = {static_cast<int>(place(row)), static_cast<int>(place(column))};
+  });
+  std::shift_right(pair_begin_.begin(), pair_begin_.end(), 1);
+  pair_begin_[0] = 0;
 }
 
 void PointElimination::set_zero() {
   u_.setZero();
   gradient_.setZero();
   std::fill(w_.begin(), w_.end(), 0.0);
-  std::fill(shared_w_.begin(), shared_w_.end(), 0.0);
   std::fill(v_.begin(), v_.end(), Eigen::Matrix3d::Zero());
   std::fill(point_gradient_.begin(), point_gradient_.end(), Eigen::Vector3d::Zero());
 }
 
-bool PointElimination::factorize(int point, double damping) {
-  Eigen::Matrix3d damped = v_[point];
-  for (int k = 0; k < 3; ++k) damped(k, k) *= 1 + damping;
-  const Eigen::LLT<Eigen::Matrix3d> llt(damped);
-  if (llt.info() != Eigen::Success) return false;
-  inverse_factor_[point] = llt.matrixL().solve(Eigen::Matrix3d::Identity());
-  y_[point] = inverse_factor_[point] * point_gradient_[point];
+bool PointElimination::factorize_point(int point, double damping) {
+  const Eigen::Matrix3d& v = v_[point];
+  const double a = v(0, 0) * (1 + damping);
+  const double i00 = 1 / std::sqrt(a), l10 = v(1, 0) * i00, l20 = v(2, 0) * i00;
+  const double b = v(1, 1) * (1 + damping) - l10 * l10;
+  const double i11 = 1 / std::sqrt(b), l21 = (v(2, 1) - l20 * l10) * i11;
+  const double c = v(2, 2) * (1 + damping) - l20 * l20 - l21 * l21;
+  if (!(a > 0 && b > 0 && c > 0)) return false;
+  const double i22 = 1 / std::sqrt(c), i10 = -l10 * i00 * i11;
+  double* inverse = &inverse_factor_[size_t(6) * point];
+  inverse[0] = i00, inverse[1] = i10, inverse[2] = i11;
+  inverse[3] = -(l20 * i00 + l21 * i10) * i22, inverse[4] = -l21 * i11 * i22, inverse[5] = i22;
+  const Eigen::Vector3d& g = point_gradient_[point];
+  y_[point] = {i00 * g[0], i10 * g[0] + i11 * g[1], inverse[3] * g[0] + inverse[4] * g[1] + i22 * g[2]};
   return true;
-}
-
-void PointElimination::scale_slots(int point) {
-  const Eigen::Matrix3d& inverse = inverse_factor_[point];
-  const Eigen::Vector3d& y = y_[point];
-  for (int slot = point_begin_[point]; slot < point_begin_[point + 1]; ++slot) {
-    const double* w = &w_[size_t(3) * block_ * slot];
-    double* z = &z_[size_t(3) * block_ * slot];
-    double* right = &right_[size_t(block_) * image_of_slot_[slot]];
-    for (int r = 0; r < block_; ++r) {
-      const double w0 = w[r], w1 = w[block_ + r], w2 = w[2 * block_ + r];
-      const double z0 = w0 * inverse(0, 0);
-      const double z1 = w0 * inverse(1, 0) + w1 * inverse(1, 1);
-      const double z2 = w0 * inverse(2, 0) + w1 * inverse(2, 1) + w2 * inverse(2, 2);
-      z[r] = z0, z[block_ + r] = z1, z[2 * block_ + r] = z2;
-      right[r] -= z0 * y[0] + z1 * y[1] + z2 * y[2];
-    }
-  }
-}
-
-void PointElimination::subtract_shared(int point) {
-  const Cross w = shared_w(point);
-  Cross z(&shared_z_[size_t(3) * shared_ * point], shared_, 3);
-  z.noalias() = w.lazyProduct(inverse_factor_[point].transpose());
-  const int first = images_ * block_;
-  right_.tail(shared_).noalias() -= z.lazyProduct(y_[point]);
-  reduced_.bottomRightCorner(shared_, shared_).noalias() -= z.lazyProduct(z.transpose());
-  for (int slot = point_begin_[point]; slot < point_begin_[point + 1]; ++slot) {
-    const Cross z_slot(&z_[size_t(3) * block_ * slot], block_, 3);
-    reduced_.block(first, block_ * image_of_slot_[slot], shared_, block_).noalias() -=
-        z.lazyProduct(z_slot.transpose());
-  }
 }
 
 bool PointElimination::reduce(double damping) {
-  reduced_ = u_;
-  right_ = gradient_;
-  const int stride = rows();
+  std::copy_n(u_.data(), u_.size(), reduced_.begin());
+  std::copy_n(gradient_.data(), gradient_.size(), right_.begin());
+  const int shared_row = images_ * block_;
   for (int point = 0; point < points(); ++point) {
-    if (!factorize(point, damping)) return false;
-    scale_slots(point);
-    const int begin = point_begin_[point], end = point_begin_[point + 1];
-    for (int column = begin; column < end; ++column) {
-      const double* z_column = &z_[size_t(3) * block_ * column];
-      double* first = reduced_.data() + size_t(stride) * block_ * image_of_slot_[column];
-      for (int row = column; row < end; ++row) {
-        kernel_(&z_[size_t(3) * block_ * row], z_column, first + size_t(block_) * image_of_slot_[row],
-                stride);
-      }
+    if (!factorize_point(point, damping)) return false;
+    const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
+    const double* inverse = &inverse_factor_[size_t(6) * point];
+    scale_point_slots(padded_, count, &first_row_[begin], inverse, y_[point].data(), &w_[place(begin)],
+                      &z_[place(begin)], right_.data());
+    if (shared_ == 0) continue;
+    const size_t own = place(slots() + point);
+    scale_point_slots(padded_, 1, &shared_row, inverse, y_[point].data(), &w_[own], &z_[own], right_.data());
+  }
+  const int blocks = images_ + (shared_ > 0 ? 1 : 0), stride = rows();
+  for (int row = 0; row < blocks; ++row) {
+    for (int column = 0; column <= row; ++column) {
+      const int first = pair_begin_[block_number(row, column)];
+      const int count = pair_begin_[block_number(row, column) + 1] - first;
+      if (count == 0) continue;
+      subtract_pairs(padded_, column < images_ ? block_ : shared_, z_.data(), &pairs_[first], count,
+                     &reduced_[size_t(stride) * block_ * column + size_t(block_) * row], stride);
     }
-    if (shared_ > 0) subtract_shared(point);
   }
   return true;
 }
 
+bool PointElimination::factorize() {
+  return factorize_dense(rows(), reduced_.data(), rows());
+}
+
 void PointElimination::substitute(const Eigen::VectorXd& c) {
+  std::copy_n(c.data(), rows(), numbers_.begin());
+  const int shared_row = images_ * block_;
   for (int point = 0; point < points(); ++point) {
     Eigen::Vector3d sum = y_[point];
-    for (int slot = point_begin_[point]; slot < point_begin_[point + 1]; ++slot) {
-      const double* z = &z_[size_t(3) * block_ * slot];
-      const double* numbers = c.data() + size_t(block_) * image_of_slot_[slot];
-      for (int k = 0; k < 3; ++k, z += block_) {
-        for (int r = 0; r < block_; ++r) sum[k] += z[r] * numbers[r];
-      }
+    const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
+    add_transposed(padded_, count, &first_row_[begin], &z_[place(begin)], numbers_.data(), sum.data());
+    if (shared_ > 0) {
+      add_transposed(padded_, 1, &shared_row, &z_[place(slots() + point)], numbers_.data(), sum.data());
     }
-    const double* z = shared_z_.data() + size_t(3) * shared_ * point;
-    for (int k = 0; k < 3 * shared_; ++k) sum[k / shared_] += z[k] * c[images_ * block_ + k % shared_];
-    point_steps_[point] = -(inverse_factor_[point].transpose() * sum);
+    const double* i = &inverse_factor_[size_t(6) * point];
+    point_steps_[point] = {-(i[0] * sum[0] + i[1] * sum[1] + i[3] * sum[2]), -(i[2] * sum[1] + i[4] * sum[2]),
+                           -i[5] * sum[2]};
   }
 }
 

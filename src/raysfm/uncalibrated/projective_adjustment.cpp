@@ -1,6 +1,5 @@
 #include "raysfm/uncalibrated/projective_adjustment.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
 
 #include "raysfm/uncalibrated/point_elimination.h"
@@ -48,9 +47,10 @@ class ProjectiveProblem {
   LmStep solve(double damping) {
     if (!elimination_.reduce(damping)) return {};
     elimination_.reduced().diagonal() += damping * elimination_.u().diagonal();
-    Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(elimination_.reduced());
-    if (llt.info() != Eigen::Success) return {};
-    steps_ = -llt.solve(elimination_.right());
+    if (!elimination_.factorize()) return {};
+    steps_ = -elimination_.right();
+    elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(steps_);
+    elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(steps_);
     elimination_.substitute(steps_);
     const double along = elimination_.gradient_along_step() + elimination_.gradient().dot(steps_);
     const double damped =

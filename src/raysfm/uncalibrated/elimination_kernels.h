@@ -1,0 +1,32 @@
+#pragma once
+
+namespace raysfm {
+
+// Kernels of PointElimination. The Z of a slot is three columns of `padded` numbers; those
+// beyond the rows of a camera block are zero. They take part in every sum, so that the vectors are whole:
+// right sides, targets and camera numbers have room for kEliminationSlack numbers more. No sum depends on the
+// width of the vectors: every instruction set gives the same bits.
+inline constexpr int kEliminationSlack = 8;
+constexpr int padded_rows(int block) {
+  return block <= 8 ? 8 : 12;
+}
+
+// A term Z_row Z_column^T: the first numbers of the two Z, counted from the first of all.
+struct EliminationPair {
+  int row, column;
+};
+
+// Z = W L^-T and right[first] -= Z y for `slots` slots one after another; slot s belongs to rows first[s] of
+// `right`. `inverse`: L^-1, lower by rows (6 numbers).
+void scale_point_slots(int padded, int slots, const int* first, const double* inverse, const double* y,
+                       const double* w, double* z, double* right);
+
+// target (padded x columns, by columns `stride` apart) -= sum of the terms. padded: 8 or 12.
+void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
+                    double* target, int stride);
+
+// sum (3 numbers) += Z^T c over the slots, c the numbers of `numbers` from first[s].
+void add_transposed(int padded, int slots, const int* first, const double* z, const double* numbers,
+                    double* sum);
+
+}  // namespace raysfm
