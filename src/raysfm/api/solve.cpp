@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <thread>
+#include <utility>
 
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
@@ -21,6 +22,7 @@ namespace {
 
 constexpr int kMaxThreads = 1024;
 constexpr int kMaxFeatures = 100000;
+constexpr double kGoodShare = 0.8;  // of the images, with a pose
 
 void tell(const EventSink& event, Event::Level level, const std::string& message) {
   if (event) event({level, message});
@@ -87,6 +89,8 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     frame.timestamp = input.timestamps[j];
     frame.image_name = input.names[j];
     frame.keyframe = input.keyframe[j];
+    frame.width = input.sizes.empty() ? result->width : input.sizes[j].x();
+    frame.height = input.sizes.empty() ? result->height : input.sizes[j].y();
     if (!found.image_posed[j]) {
       frame.reason = reason_without_pose(seen[j], agreeing[j]);
       continue;
@@ -95,6 +99,8 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     if (!world_from_first) world_from_first = found.world_is_given ? Rigid3{} : cam_from_found.inverse();
     frame.cam_from_world = cam_from_found * *world_from_first;
     frame.lens = found.scene.lenses[j];
+    frame.lens.cx -= input.shift(static_cast<int>(j)).x();
+    frame.lens.cy -= input.shift(static_cast<int>(j)).y();
     frame.lens_sigma = found.lens_sigma[j];
   }
   const Rigid3 first_from_found = world_from_first ? world_from_first->inverse() : Rigid3{};
@@ -116,21 +122,15 @@ void fill_observations(const SolveInput& input, const UncalibratedReconstruction
   for (int k = 0; k < input.tracks.size(); ++k) {
     const int image = input.tracks.image[k];
     if (!found.inlier[k] || !input.keyframe[image]) continue;
-    result->observations.push_back({image, number[input.tracks.point[k]], input.tracks.pixel[k]});
+    result->observations.push_back(
+        {image, number[input.tracks.point[k]], input.tracks.pixel[k] - input.shift(image)});
   }
   std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
 }
 
-Result<SolveInput> read_photos(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  tell(callbacks.event, Event::Level::kInfo, "this is no video; every image is compared with every other");
-  return tracks_from_photos(settings, callbacks);
-}
-
 Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   if (is_tracks_file(settings.input)) return tracks_from_file(settings, callbacks);
-  Result<SolveInput> video = tracks_from_video(settings, callbacks);
-  if (!video || video->interrupted || !looks_like_photos(*video)) return video;
-  return read_photos(settings, callbacks);
+  return tracks_from_images(settings, callbacks);
 }
 
 // Photos may see one another in any order; images of a video see their neighbours.
@@ -139,12 +139,21 @@ Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, co
   const SolveOptions options = options_of(settings);
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
-  if (all && input.tracks.image_count <= kMaxPhotos) return reconstruct(input.tracks, options);
+  if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
+    return reconstruct(input.tracks, options);
+  }
   VideoControl control{.threads = threads_of(settings), .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {
     control.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }
   return reconstruct_video(input.tracks, input.keyframe, options, control);
+}
+
+// 0 without a reconstruction.
+double posed_share(const Result<UncalibratedReconstruction>& found) {
+  if (!found) return 0;
+  const auto posed = std::ranges::count(found->image_posed, 1);
+  return static_cast<double>(posed) / static_cast<double>(found->image_posed.size());
 }
 
 SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found) {
@@ -195,6 +204,11 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
        "how the intrinsics-free adjustment imposes what is known of the lenses",
        &s.constraints,
        {"weights", "lagrange"}},
+      {"images",
+       "what images are: a video, or photos, every one of which is compared with every other; auto lets them "
+       "decide",
+       &s.images,
+       {"auto", "video", "photos"}},
       {"size", "WIDTHxHEIGHT of the images, for tracks in a file", &s.size, {}},
       {"structure",
        "CSV of known positions of the points of a file of tracks: point,x,y,z",
@@ -211,16 +225,29 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  Result<SolveInput> input = read_input(settings, callbacks);
+  SolveCallbacks once = callbacks;
+  bool is_ready = false;
+  once.ready = [&]() -> Result<void> {
+    if (std::exchange(is_ready, true) || !callbacks.ready) return {};
+    return callbacks.ready();
+  };
+  Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_input(*input, settings, callbacks);
-  // A few images that do not go as a video may still go as photos.
-  if (!found && !is_tracks_file(settings.input) && input->tracks.image_count <= kMaxPhotos &&
-      !input->interrupted) {
-    input = read_photos(settings, callbacks);
-    if (!input) return input.error();
-    found = reconstruct_input(*input, settings, callbacks);
+  // A few images that do not go well as a video may go better as photos.
+  if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
+      input->tracks.image_count <= kFewImages && !input->interrupted && posed_share(found) < kGoodShare) {
+    tell(callbacks.event, Event::Level::kInfo,
+         found ? "as a video few of the images have a pose, now tried as photos"
+               : "not solved as a video, now tried as photos: " + found.error().message);
+    Result<SolveInput> photos = tracks_from_photos(settings, once);
+    if (!photos) return photos.error();
+    Result<UncalibratedReconstruction> other = reconstruct_input(*photos, settings, callbacks);
+    if (posed_share(other) >= posed_share(found)) {
+      input = std::move(photos);
+      found = std::move(other);
+    }
   }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
   SolveResult result = result_of(*input, *std::move(found));

@@ -23,6 +23,7 @@ struct SolveSettings {
   std::string lens = "auto";        // "auto", "fixed" or "zoom"
   std::string method = "polished";  // "intrinsics-free", "standard" or "polished"
   std::string constraints = "weights";  // "weights" or "lagrange"
+  std::string images = "auto";          // "auto", "video" or "photos"
   std::string size;       // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
   std::string structure;  // CSV of known positions of the points of a file of tracks; empty: none known
   double fps = 0;         // frames per second of inputs without timestamps; 0: unknown
@@ -48,6 +49,7 @@ struct SolvedFrame {
   double timestamp = 0;
   std::string image_name;
   bool keyframe = false;
+  int width = 0, height = 0;                   // of the image
   std::optional<Rigid3> cam_from_world;        // empty: no pose, and `reason` says why
   Lens lens;                                   // pixels; valid where there is a pose
   LensVector lens_sigma = LensVector::Zero();  // infinite where unknown
@@ -68,7 +70,7 @@ struct SolvedObservation {
 // Structure, motion and lenses; the world is the camera of the first frame with a pose, its scale arbitrary,
 // unless it is given.
 struct SolveResult {
-  int width = 0, height = 0;  // of the images
+  int width = 0, height = 0;  // of the images; where they differ, the largest of each
   std::vector<SolvedFrame> frames;
   std::vector<SolvedPoint> points;
   std::vector<SolvedObservation> observations;  // that agree, of key frames, ascending by frame

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string_view>
 #include <unordered_map>
@@ -34,6 +35,14 @@ Eigen::Vector2d guess_size(const std::vector<Eigen::Vector2d>& pixels) {
     high = high.cwiseMax(p);
   }
   return (high + low.cwiseMax(0)).array().ceil() + 1;
+}
+
+// Many images, each of which shares enough points with the one before to go on from it.
+bool is_in_order(const PointTracks& tracks) {
+  constexpr int kFew = 40, kMinShared = 8;
+  if (tracks.image_count <= kFew) return false;
+  const std::vector<int> shared = shared_with_previous(tracks);
+  return *std::min_element(shared.begin() + 1, shared.end()) >= kMinShared;
 }
 
 // Keeps the observations of points that the file knows, with their positions.
@@ -75,6 +84,19 @@ Result<void> keep_known(const SolveSettings& settings, const std::vector<std::st
 
 }  // namespace
 
+std::vector<int> shared_with_previous(const PointTracks& tracks) {
+  std::vector<std::vector<int>> points(tracks.image_count);
+  for (int k = 0; k < tracks.size(); ++k) points[tracks.image[k]].push_back(tracks.point[k]);
+  std::vector<int> shared(tracks.image_count, 0), last(tracks.point_count, -2);
+  for (int j = 0; j < tracks.image_count; ++j) {
+    for (const int point : points[j]) {
+      shared[j] += last[point] == j - 1;
+      last[point] = j;
+    }
+  }
+  return shared;
+}
+
 Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   Eigen::Vector2d size = Eigen::Vector2d::Zero();
   if (!settings.size.empty()) {
@@ -107,6 +129,7 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCa
                   .image = std::move(file->image),
                   .point = std::move(file->point),
                   .pixel = std::move(file->pixel)};
+  input.in_order = is_in_order(input.tracks);
   input.timestamps = std::move(file->timestamps);
   input.names = std::move(file->images);
   input.keyframe.assign(input.names.size(), 1);

@@ -15,11 +15,24 @@ struct SolveInput {
   PointTracks tracks;                       // image: index into the vectors below
   std::vector<double> timestamps;           // strictly increasing
   std::vector<std::string> names;           // of the images
+  bool in_order = true;                     // an image sees what the one before sees
+  std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
   std::vector<uint8_t> keyframe;            // 1: takes part in the start and the adjustment
   std::vector<std::array<uint8_t, 3>> rgb;  // of the points; empty: unknown
   std::vector<Eigen::Vector3d> structure;   // known positions of the points; empty: unknown
+  std::vector<std::pair<std::string, StageTiming>> stages;  // of reading, where they are told apart
   bool interrupted = false;                 // ends where the caller asked to stop
+
+  // Images of different sizes are centred in one as large as the largest: what its pixels are ahead of those
+  // of the image.
+  Eigen::Vector2d shift(int image) const {
+    if (sizes.empty()) return Eigen::Vector2d::Zero();
+    return 0.5 * (tracks.image_size - sizes[image].cast<double>());
+  }
 };
+
+// By image: how many of its points the image before it sees; 0 for the first.
+std::vector<int> shared_with_previous(const PointTracks& tracks);
 
 // A file of tracks; every image is a key frame. Errors: bad input.
 Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCallbacks& callbacks);

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <system_error>
@@ -46,24 +47,28 @@ std::vector<LensOfFrame> lenses_of(const SolveResult& result) {
 }
 
 // COLMAP counts pixels from the corner of the first one and knows no skew.
-ColmapCamera camera_of(const SolveResult& result, const Lens& lens, uint32_t id) {
+ColmapCamera camera_of(const SolveResult& result, const SolvedFrame& frame, uint32_t id) {
+  const Lens& lens = frame.lens;
   if (!result.radial.none()) {
     return {.id = id,
             .model = find_colmap_model("RADIAL")->id,
-            .width = static_cast<uint64_t>(result.width),
-            .height = static_cast<uint64_t>(result.height),
+            .width = static_cast<uint64_t>(frame.width),
+            .height = static_cast<uint64_t>(frame.height),
             .parameters = {lens.fx, lens.cx + 0.5, lens.cy + 0.5, result.radial.k1, result.radial.k2}};
   }
   const ColmapCameraModel* pinhole = find_colmap_model("PINHOLE");
   return {.id = id,
           .model = pinhole->id,
-          .width = static_cast<uint64_t>(result.width),
-          .height = static_cast<uint64_t>(result.height),
+          .width = static_cast<uint64_t>(frame.width),
+          .height = static_cast<uint64_t>(frame.height),
           .parameters = {lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5}};
 }
 
-// Key frames with a pose, with one camera for each where the lens zooms.
+// Key frames with a pose, with one camera for each where the lens zooms or the sizes differ.
 void add_images(const SolveResult& result, ColmapModel* model) {
+  const bool alike = std::ranges::all_of(result.frames, [&](const SolvedFrame& frame) {
+    return frame.width == result.width && frame.height == result.height;
+  });
   size_t next = 0;
   for (size_t f = 0; f < result.frames.size(); ++f) {
     const SolvedFrame& frame = result.frames[f];
@@ -73,9 +78,8 @@ void add_images(const SolveResult& result, ColmapModel* model) {
       model->keypoints.push_back({o.pixel.x() + 0.5, o.pixel.y() + 0.5, static_cast<uint64_t>(o.point) + 1});
     }
     if (!frame.keyframe || !frame.cam_from_world) continue;
-    if (result.zooming || model->cameras.empty()) {
-      model->cameras.push_back(
-          camera_of(result, frame.lens, static_cast<uint32_t>(model->cameras.size() + 1)));
+    if (result.zooming || !alike || model->cameras.empty()) {
+      model->cameras.push_back(camera_of(result, frame, static_cast<uint32_t>(model->cameras.size() + 1)));
     }
     const Eigen::Quaterniond& q = frame.cam_from_world->rotation;
     const Eigen::Vector3d& t = frame.cam_from_world->translation;

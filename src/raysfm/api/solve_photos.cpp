@@ -1,10 +1,13 @@
 #include "raysfm/api/solve_photos.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <numeric>
 #include <optional>
 
+#include "raysfm/api/solve_tracks.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/photo_features.h"
 #include "raysfm/uncalibrated/view_pair.h"
@@ -12,7 +15,7 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMinShared = 40;
+constexpr int kMinAgreeing = 40;
 constexpr int kFeatures = 2500;
 constexpr int kMinPairInliers = 20;
 
@@ -55,8 +58,21 @@ Result<void> read_photos(FrameSource& source, Photos* photos, SolveInput* input)
     input->timestamps.push_back(frame.timestamp);
     input->names.push_back(frame.name);
     input->keyframe.push_back(1);
-    input->tracks.image_size = {frame.gray.width(), frame.gray.height()};
+    input->sizes.emplace_back(frame.gray.width(), frame.gray.height());
+    if (input->sizes.size() > kMaxPhotos) {
+      return bad_input(fmt::format("{}: more than {} images; allowed as photos: at most {}",
+                                   source.description(), kMaxPhotos, kMaxPhotos));
+    }
   }
+}
+
+// One size for all images: that of the largest.
+void settle_size(SolveInput* input) {
+  Eigen::Vector2i largest(0, 0);
+  for (const Eigen::Vector2i& size : input->sizes) largest = largest.cwiseMax(size);
+  const bool alike = std::ranges::all_of(input->sizes, [&](const auto& size) { return size == largest; });
+  input->tracks.image_size = largest.cast<double>();
+  if (alike) input->sizes.clear();
 }
 
 void join_pair(const Photos& photos, int a, int b, double max_error, uint64_t seed, Merger* merger) {
@@ -68,7 +84,7 @@ void join_pair(const Photos& photos, int a, int b, double max_error, uint64_t se
     matches.b.push_back(photos.features.pixels(b)[found[i].second]);
   }
   ViewPair pair;
-  const auto stream = static_cast<uint64_t>(a * kMaxPhotos + b);
+  const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
   if (!fundamental_ransac(matches, max_error, 2000, seed, stream, &pair)) return;
   if (pair.inliers < kMinPairInliers) return;
   for (size_t i = 0; i < pair.inlier.size(); ++i) {
@@ -99,33 +115,107 @@ void collect_tracks(const Photos& photos, Merger* merger, SolveInput* input) {
         number[root] = tracks.point_count++;
         input->rgb.push_back(photos.rgb[root]);
       }
-      tracks.add(j, number[root], photos.features.pixels(j)[i]);
+      tracks.add(j, number[root], photos.features.pixels(j)[i] + input->shift(j));
     }
+  }
+}
+
+void tell(const SolveCallbacks& callbacks, const std::string& message) {
+  if (callbacks.event) callbacks.event({Event::Level::kInfo, message});
+}
+
+// Matches that one shift of the image explains.
+int count_still(const PairMatches& matches, double max_error) {
+  std::vector<double> u, v;
+  for (size_t i = 0; i < matches.a.size(); ++i) {
+    u.push_back(matches.b[i].x() - matches.a[i].x());
+    v.push_back(matches.b[i].y() - matches.a[i].y());
+  }
+  if (u.empty()) return 0;
+  const auto middle = static_cast<ptrdiff_t>(u.size() / 2);
+  std::nth_element(u.begin(), u.begin() + middle, u.end());
+  std::nth_element(v.begin(), v.begin() + middle, v.end());
+  const Eigen::Vector2d shift(u[middle], v[middle]);
+  int count = 0;
+  for (size_t i = 0; i < matches.a.size(); ++i) {
+    count += (matches.b[i] - matches.a[i] - shift).norm() < max_error;
+  }
+  return count;
+}
+
+// Images of which too few corners agree with one motion since the image before, as in a video they do.
+int poor_neighbours(const SolveInput& video, const SolveSettings& settings) {
+  const ImageObservations observations(video.tracks);
+  int poor = 0;
+  for (int j = 1; j < video.tracks.image_count; ++j) {
+    const PairMatches matches = observations.matches(j - 1, j);
+    ViewPair pair;
+    const bool found =
+        fundamental_ransac(matches, settings.max_error, 500, settings.seed, static_cast<uint64_t>(j), &pair);
+    // A camera that stands still has no epipolar geometry.
+    const int agreeing = std::max(found ? pair.inliers : 0, count_still(matches, settings.max_error));
+    poor += agreeing < kMinAgreeing;
+  }
+  return poor;
+}
+
+// Why images that no video has are photos; empty where they all have one size, or cannot be read.
+std::string differing_sizes(const SolveSettings& settings) {
+  Result<Input> opened =
+      open_input({settings.input}, {.fps = settings.fps, .mono = true, .ignore_calibration = true});
+  if (!opened) return "";
+  FrameSource& source = *opened->streams[0];
+  source.allow_any_size();
+  for (;;) {
+    const Result<std::optional<InputFrame>> frame = source.next();
+    if (!frame || !*frame) return "";
+    const GrayImage& image = (*frame)->gray;
+    if (image.width() == source.width() && image.height() == source.height()) continue;
+    return fmt::format("{} is {}x{}, the first image {}x{}", (*frame)->name, image.width(), image.height(),
+                       source.width(), source.height());
   }
 }
 
 }  // namespace
 
-bool looks_like_photos(const SolveInput& video) {
-  const int images = video.tracks.image_count;
-  if (images > kMaxPhotos) return false;
-  std::vector<int> shared(images, 0), last(video.tracks.point_count, -2);
-  for (int k = 0; k < video.tracks.size(); ++k) {  // in the order of the images
-    const int image = video.tracks.image[k];
-    int& before = last[video.tracks.point[k]];
-    shared[image] += before == image - 1;
-    before = image;
+Result<SolveInput> tracks_from_images(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  constexpr const char* kPhotos = "taken for photos, every one is compared with every other: ";
+  if (settings.images == "photos") return tracks_from_photos(settings, callbacks);
+  Result<SolveInput> video = tracks_from_video(settings, callbacks);
+  if (settings.images == "video") return video;
+  if (!video) {
+    const std::string why = differing_sizes(settings);
+    if (why.empty()) return video;
+    tell(callbacks, kPhotos + why);
+    return tracks_from_photos(settings, callbacks);
   }
-  return images > 1 && *std::min_element(shared.begin() + 1, shared.end()) < kMinShared;
+  if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxPhotos) {
+    return video;
+  }
+  const int poor = poor_neighbours(*video, settings);
+  const int images = video->tracks.image_count;
+  // A long video may have its breaks.
+  if (poor > 0 && (images <= kFewImages || 4 * poor >= images)) {
+    tell(callbacks, fmt::format("{}{} of {} have fewer than {} corners that agree with the image before",
+                                kPhotos, poor, images, kMinAgreeing));
+    return tracks_from_photos(settings, callbacks);
+  }
+  return video;
 }
 
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   Result<Input> opened =
       open_input({settings.input}, {.fps = settings.fps, .mono = true, .ignore_calibration = true});
   if (!opened) return opened.error();
+  if (callbacks.ready) {
+    if (auto r = callbacks.ready(); !r) return r.error();
+  }
   SolveInput input;
+  input.in_order = false;
   Photos photos;
+  opened->streams[0]->allow_any_size();
   if (auto r = read_photos(*opened->streams[0], &photos, &input); !r) return r.error();
+  settle_size(&input);
   Merger merger(static_cast<int>(photos.rgb.size()));
   for (int a = 0; a < photos.features.photos(); ++a) {
     for (int b = a + 1; b < photos.features.photos(); ++b) {

@@ -5,10 +5,15 @@
 namespace raysfm {
 
 // Most photos among which every one is compared with every other.
-inline constexpr int kMaxPhotos = 40;
+inline constexpr int kMaxPhotos = 100;
 
-// Whether some image shares too few tracks with the one before for a video.
-bool looks_like_photos(const SolveInput& video);
+// Images that are compared in this way when they do not go well as a video.
+inline constexpr int kFewImages = 40;
+
+// Tracks of a video, or of photos where `settings.images` or the images say so: where they differ in size, or
+// where too few corners of an image agree with the one before. Says which was chosen and why. Errors: bad
+// input.
+Result<SolveInput> tracks_from_images(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 // Tracks of photos that may be taken from anywhere: matches of all pairs that agree with a fundamental
 // matrix. Errors: bad input.

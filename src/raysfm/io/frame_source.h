@@ -39,6 +39,9 @@ class FrameSource {
   // says.
   virtual int frame_count() const = 0;
 
+  // From now on a frame may have another size than the first. Streams that cannot have it stay as they are.
+  virtual void allow_any_size() {}
+
   // One line for the user, e.g. "video.mp4: h264, 640x480, 30 frames/s".
   virtual std::string description() const = 0;
 

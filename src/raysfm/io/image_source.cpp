@@ -39,7 +39,7 @@ class ImageSource : public FrameSource {
     Result<DecodedImage> image =
         first_ ? Result<DecodedImage>(*std::exchange(first_, std::nullopt)) : read_image(files_[index]);
     if (!image) return image.error();
-    if (image->gray.width() != width_ || image->gray.height() != height_) {
+    if (!any_size_ && (image->gray.width() != width_ || image->gray.height() != height_)) {
       return bad_input(fmt::format("{}: {} x {} pixels; allowed: the {} x {} of the first, {}",
                                    files_[index].string(), image->gray.width(), image->gray.height(), width_,
                                    height_, files_.front().filename().string()));
@@ -57,6 +57,7 @@ class ImageSource : public FrameSource {
   int width() const override { return width_; }
   int height() const override { return height_; }
   int frame_count() const override { return static_cast<int>(files_.size()); }
+  void allow_any_size() override { any_size_ = true; }
   std::string description() const override {
     return fmt::format("{}: {} images, {}x{}", what_, files_.size(), width_, height_);
   }
@@ -66,6 +67,7 @@ class ImageSource : public FrameSource {
   std::vector<fs::path> files_;
   std::vector<double> timestamps_;
   int width_, height_;
+  bool any_size_ = false;
   std::optional<DecodedImage> first_;
   size_t index_ = 0;
 };

@@ -14,7 +14,7 @@ namespace {
 constexpr int kRounds = 5;              // of adjustment and judgement
 constexpr double kMaxFocalSigma = 0.3;  // of the focal length, of a lens that is determined
 
-struct Solution {
+struct KnownSolution {
   UncalibratedReconstruction found;
   double cost = std::numeric_limits<double>::infinity();  // squared errors, each at most the largest allowed
   int lens_numbers = 0;
@@ -36,15 +36,6 @@ void judge(const PointTracks& tracks, double max_error, UncalibratedReconstructi
   }
   for (int j = 0; j < tracks.image_count; ++j) r->image_posed[j] &= agreeing[j] >= kMinKnownPoints;
   for (int k = 0; k < tracks.size(); ++k) r->inlier[k] &= r->image_posed[tracks.image[k]];
-}
-
-LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal) {
-  LensConstraints constraints;
-  constraints.equal = equal;
-  constraints.principal_point = tracks.centre();
-  constraints.principal_point_sigma =
-      options.principal_point_sigma * tracks.image_size.maxCoeff() / (options.max_error_px / 3);
-  return constraints;
 }
 
 void read_sigmas(const ObservationIndex& index, const LensConstraints& constraints, double variance,
@@ -105,7 +96,7 @@ void adjust(const PointTracks& tracks, const LensConstraints& constraints, const
   if (freedom > 0) read_sigmas(index, constraints, weighted / freedom, &problem, r);
 }
 
-void finish(const PointTracks& tracks, Solution* solution) {
+void finish(const PointTracks& tracks, KnownSolution* solution) {
   UncalibratedReconstruction& r = solution->found;
   r.lens_sigma.resize(tracks.image_count);
   r.point_placed.assign(tracks.point_count, 0);
@@ -131,8 +122,8 @@ void finish(const PointTracks& tracks, Solution* solution) {
   if (2 * determined <= posed) r.degenerate = "known points at one depth";
 }
 
-Result<Solution> solve_lens(const PointTracks& tracks, std::span<const Eigen::Vector3d> points,
-                            const SolveOptions& options, bool equal) {
+Result<KnownSolution> solve_lens(const PointTracks& tracks, std::span<const Eigen::Vector3d> points,
+                                 const SolveOptions& options, bool equal) {
   constexpr double kStartError = 5;  // times the largest allowed
   auto start = known_structure_start(tracks, points,
                                      {.max_error_px = kStartError * options.max_error_px,
@@ -140,7 +131,7 @@ Result<Solution> solve_lens(const PointTracks& tracks, std::span<const Eigen::Ve
                                       .seed = options.seed,
                                       .equal_lenses = equal});
   if (!start) return no_reconstruction("known structure: its points lie on a line");
-  Solution solution;
+  KnownSolution solution;
   UncalibratedReconstruction& r = solution.found;
   r.scene = std::move(start->scene);
   r.image_posed = std::move(start->image_posed);
@@ -172,7 +163,7 @@ Result<Solution> solve_lens(const PointTracks& tracks, std::span<const Eigen::Ve
 
 // Zooming when a lens for each image lowers the sum of squares by more than its numbers do on their own
 // (Bayesian information criterion).
-void choose(const PointTracks& tracks, Solution* fixed, Solution* zoom) {
+void choose(const PointTracks& tracks, KnownSolution* fixed, KnownSolution* zoom) {
   const double images =
       static_cast<double>(std::count(zoom->found.image_posed.begin(), zoom->found.image_posed.end(), 1));
   const double freedom = std::max(1.0, 2.0 * tracks.size() - 9 * images);

@@ -20,14 +20,18 @@ Result<void> check_options(const SolveOptions& options) {
   return {};
 }
 
-LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal) {
-  LensConstraints constraints;
-  constraints.equal = equal;
-  constraints.principal_point = tracks.centre();
-  // Relative to the noise of an observation, of which a third of the largest error allowed is a fair guess.
-  constraints.principal_point_sigma =
-      options.principal_point_sigma * tracks.image_size.maxCoeff() / (options.max_error_px / 3);
-  return constraints;
+// Images that could take part in a start, and as many as what is known of the lenses asks for.
+Result<void> check_amount(const PointTracks& tracks, const LensConstraints& constraints) {
+  constexpr int kMinPoints = 8;
+  std::vector<int> points(tracks.image_count, 0);
+  for (const int image : tracks.image) ++points[image];
+  const auto usable =
+      std::count_if(points.begin(), points.end(), [](int count) { return count >= kMinPoints; });
+  const int needed = std::max(2, min_images(constraints));
+  if (usable >= needed) return {};
+  return no_reconstruction("images: " + std::to_string(usable) + " with at least " +
+                           std::to_string(kMinPoints) + " points, at least " + std::to_string(needed) +
+                           " are needed (known of the lenses: " + describe(constraints) + ")");
 }
 
 // Tracks in units of half the image's larger side about its centre.
@@ -224,6 +228,16 @@ Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, 
 
 }  // namespace
 
+LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal) {
+  LensConstraints constraints;
+  constraints.equal = equal;
+  constraints.principal_point = tracks.centre();
+  // Relative to the noise of an observation, of which a third of the largest error allowed is a fair guess.
+  constraints.principal_point_sigma =
+      options.principal_point_sigma * tracks.image_size.maxCoeff() / (options.max_error_px / 3);
+  return constraints;
+}
+
 Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,
                                        bool equal_lenses) {
   if (auto ok = validate(tracks); !ok) return ok.error();
@@ -247,6 +261,10 @@ Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOpt
 Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options) {
   if (auto ok = validate(tracks); !ok) return ok.error();
   if (auto ok = check_options(options); !ok) return ok.error();
+  if (auto ok = check_amount(tracks, constraints_for(tracks, options, options.lens != LensChange::kZoom));
+      !ok) {
+    return ok.error();
+  }
   const Units units(tracks);
   const auto start = start_of(tracks, units, options);
   if (!start) return start.error();

@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "raysfm/core/result.h"
+#include "raysfm/core/timer.h"
 #include "raysfm/uncalibrated/lens_adjustment.h"
 #include "raysfm/uncalibrated/point_tracks.h"
 #include "raysfm/uncalibrated/radial_distortion.h"
@@ -42,7 +44,11 @@ struct UncalibratedReconstruction {
   int start_images[2] = {-1, -1};  // the two views of the start
   int start_inliers = 0;           // their matches that agree with its fundamental matrix
   LensAdjustmentSummary adjustment;
+  std::map<std::string, StageTiming> stages;  // where they are told apart
 };
+
+// What the options say of the lenses; `equal`: one lens for all images.
+LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal);
 
 // The start alone (IFBA01 4.2): every image and point must be reached. For comparing what follows it.
 Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,

@@ -7,6 +7,7 @@
 
 #include "raysfm/robust/ransac.h"
 #include "raysfm/uncalibrated/eight_point.h"
+#include "raysfm/uncalibrated/homography_cause.h"
 
 namespace raysfm {
 namespace {
@@ -119,6 +120,35 @@ std::vector<RankedPair> rank_pairs(const ImageObservations& observations) {
   return pairs;
 }
 
+// Why no pair has an epipolar geometry of its own.
+Error no_parallax(const ImageObservations& observations, const std::vector<RankedPair>& ranked,
+                  double max_error) {
+  constexpr size_t kMaxPairs = 20;
+  std::vector<Eigen::Matrix3d> homographies;
+  for (size_t i = 0; i < ranked.size() && homographies.size() < kMaxPairs; ++i) {
+    const PairMatches matches = observations.matches(ranked[i].a, ranked[i].b);
+    Eigen::Matrix3d homography;
+    if (ranked[i].parallax > max_error) continue;
+    if (homography_from_points(matches.a, matches.b, &homography)) homographies.push_back(homography);
+  }
+  if (homographies.empty()) {
+    return no_reconstruction("start: the matches of no two images agree with an epipolar geometry");
+  }
+  const std::string found = "start: a homography relates every two images: ";
+  switch (homography_cause(homographies)) {
+    case HomographyCause::kRotation:
+      return no_reconstruction(found + "pure rotation, the camera turns in one place");
+    case HomographyCause::kPlane:
+      return no_reconstruction(
+          found + "planar scene, which tells lenses only where the positions of its points are known");
+    case HomographyCause::kStill:
+      return no_reconstruction(found + "no parallax, the camera hardly moves");
+    case HomographyCause::kUnclear:
+      break;
+  }
+  return no_reconstruction(found + "pure rotation or a planar scene");
+}
+
 }  // namespace
 
 ImageObservations::ImageObservations(const PointTracks& tracks)
@@ -185,11 +215,7 @@ Result<ViewPair> farthest_pair(const ImageObservations& observations, double max
     const double score = parallax > max_error ? parallax * pair.inliers * share : 0;
     if (score > best_score) best = std::move(pair), best_score = score;
   }
-  if (best.inliers == 0) {
-    return no_reconstruction(
-        "start: a homography relates every two images (pure rotation or a planar scene), or their matches "
-        "agree with no epipolar geometry");
-  }
+  if (best.inliers == 0) return no_parallax(observations, ranked, max_error);
   return best;
 }
 
