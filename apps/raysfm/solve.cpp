@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "commands.h"
 #include "raysfm/io/output_folder.h"
@@ -30,12 +33,31 @@ class ProgressPrinter : public ProgressLine {
   }
 };
 
+// Of the middle one of the frames with a pose, with its standard deviation.
+std::optional<std::pair<double, double>> focal_length(const SolveResult& result) {
+  std::vector<const SolvedFrame*> posed;
+  for (const SolvedFrame& frame : result.frames) {
+    if (frame.cam_from_world) posed.push_back(&frame);
+  }
+  if (posed.empty()) return {};
+  const SolvedFrame& middle = *posed[posed.size() / 2];
+  return std::pair(middle.lens.fx, middle.lens_sigma[0]);
+}
+
 void print_summary(const SolveResult& result, const std::string& out) {
   const auto posed =
       std::ranges::count_if(result.frames, [](const auto& f) { return f.cam_from_world.has_value(); });
   std::printf("%td of %zu frames posed, %zu points, rms %.2f px\n", posed, result.frames.size(),
               result.points.size(), result.rms_px);
   std::printf("lens %s: %s\n", result.zooming ? "zooming" : "fixed", result.lens_evidence.c_str());
+  if (const auto f = focal_length(result)) {
+    std::printf("focal length %.1f px, standard deviation %.2g px, in the middle of the video\n", f->first,
+                f->second);
+  }
+  if (!result.radial.none()) {
+    std::printf("radial distortion k1 %.4f, standard deviation %.2g\n", result.radial.k1,
+                result.radial_sigma.k1);
+  }
   std::printf("%.1f s, %.0f MiB; written to %s\n", result.wall_s, result.peak_rss_mib, out.c_str());
 }
 
@@ -53,6 +75,10 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   callbacks.progress = [&](const char* stage, int done, int total) { printer.show(stage, done, total); };
   const Result<SolveResult> result = solve(settings, callbacks);
   printer.finish();
+  if (!result && stop.requested()->load()) {
+    printer.line("interrupted before there was anything to write");
+    return stop.exit_code();
+  }
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);

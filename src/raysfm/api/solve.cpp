@@ -14,7 +14,9 @@
 #include "raysfm/core/memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
+#include "raysfm/robust/absolute_pose.h"
 #include "raysfm/uncalibrated/known_structure.h"
+#include "raysfm/uncalibrated/pose_covariance.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -69,6 +71,11 @@ SolveOptions options_of(const SolveSettings& settings) {
   return options;
 }
 
+RadialChoice radial_of(const SolveSettings& settings) {
+  if (settings.distortion == "none") return RadialChoice::kNone;
+  return settings.distortion == "radial" ? RadialChoice::kFree : RadialChoice::kIfSure;
+}
+
 std::string reason_without_pose(int seen, int agreeing) {
   if (seen < kMinPointsPerImage) {
     return fmt::format("too few tracks: {}, at least {} are needed", seen, kMinPointsPerImage);
@@ -83,6 +90,7 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     ++seen[input.tracks.image[k]];
     agreeing[input.tracks.image[k]] += found.inlier[k];
   }
+  const auto covariances = pose_covariances(input.tracks, found);
   std::optional<Rigid3> world_from_first;
   for (size_t j = 0; j < input.names.size(); ++j) {
     SolvedFrame& frame = result->frames.emplace_back();
@@ -98,6 +106,7 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     const Rigid3& cam_from_found = found.scene.cam_from_world[j];
     if (!world_from_first) world_from_first = found.world_is_given ? Rigid3{} : cam_from_found.inverse();
     frame.cam_from_world = cam_from_found * *world_from_first;
+    frame.covariance = covariance_in_world(*frame.cam_from_world, covariances[j]);
     frame.lens = found.scene.lenses[j];
     frame.lens.cx -= input.shift(static_cast<int>(j)).x();
     frame.lens.cy -= input.shift(static_cast<int>(j)).y();
@@ -142,11 +151,12 @@ Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, co
   if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
     return reconstruct(input.tracks, options);
   }
-  VideoControl control{.threads = threads_of(settings), .progress = {}, .stop = callbacks.stop};
+  VideoOptions video{
+      .radial = radial_of(settings), .threads = threads_of(settings), .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {
-    control.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
+    video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }
-  return reconstruct_video(input.tracks, input.keyframe, options, control);
+  return reconstruct_video(input.tracks, input.keyframe, options, video);
 }
 
 // 0 without a reconstruction.
@@ -172,6 +182,8 @@ SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found)
   result.radial_sigma = found.radial_sigma;
   result.world_is_given = found.world_is_given;
   result.rms_px = found.rms_px;
+  result.stages = input.stages;
+  for (const auto& stage : found.stages) result.stages.push_back(stage);
   std::copy_n(found.start_images, 2, result.start_frames);
   result.start_inliers = found.start_inliers;
   result.adjustment = std::move(found.adjustment);
@@ -196,6 +208,10 @@ void warn(const SolveResult& result, const EventSink& event) {
 std::vector<SettingField> setting_fields(SolveSettings& s) {
   return {
       {"lens", "whether the lens zooms; auto lets the images decide", &s.lens, {"auto", "fixed", "zoom"}},
+      {"distortion",
+       "radial distortion of a video's lens; auto estimates it and keeps it where it is sure",
+       &s.distortion,
+       {"auto", "none", "radial"}},
       {"method",
        "adjustment: intrinsics-free, with the lenses as unknowns, or both in this order",
        &s.method,

@@ -7,12 +7,15 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "raysfm/api/config.h"
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
+#include "raysfm/core/timer.h"
 #include "raysfm/geometry/pose.h"
+#include "raysfm/scene/reconstruction.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {
@@ -21,6 +24,7 @@ namespace raysfm {
 struct SolveSettings {
   std::string input;                // video, image folder or pattern, sequence folder, or CSV of point tracks
   std::string lens = "auto";        // "auto", "fixed" or "zoom"
+  std::string distortion = "auto";  // "auto", "none" or "radial"
   std::string method = "polished";  // "intrinsics-free", "standard" or "polished"
   std::string constraints = "weights";  // "weights" or "lagrange"
   std::string images = "auto";          // "auto", "video" or "photos"
@@ -51,6 +55,7 @@ struct SolvedFrame {
   bool keyframe = false;
   int width = 0, height = 0;                   // of the image
   std::optional<Rigid3> cam_from_world;        // empty: no pose, and `reason` says why
+  Matrix6d covariance = Matrix6d::Zero();      // of world_from_cam, as docs/conventions.md has it
   Lens lens;                                   // pixels; valid where there is a pose
   LensVector lens_sigma = LensVector::Zero();  // infinite where unknown
   std::string reason;
@@ -83,6 +88,7 @@ struct SolveResult {
   int start_frames[2] = {-1, -1};
   int start_inliers = 0;
   LensAdjustmentSummary adjustment;
+  std::vector<std::pair<std::string, StageTiming>> stages;  // in the order of the work
   double read_s = 0, solve_s = 0, wall_s = 0, peak_rss_mib = 0;
   bool interrupted = false;
 };
@@ -93,8 +99,8 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
 // Whether writing the results into `folder` would leave the input alone; else bad input.
 Result<void> check_solve_output(const std::filesystem::path& input, const std::filesystem::path& folder);
 
-// Creates the folder where it is missing and writes trajectory.txt, points.ply, lens.csv, sparse/,
-// config.yaml and, last, report.json.
+// Creates the folder where it is missing and writes trajectory.txt, keyframes.txt, covariance.csv,
+// points.ply, lens.csv, lens.png, sparse/, config.yaml and, last, report.json.
 Result<void> write_solve_output(const SolveResult& result, const SolveSettings& settings,
                                 const std::string& version, const std::filesystem::path& folder);
 

@@ -8,7 +8,9 @@
 #include "raysfm/api/solve.h"
 #include "raysfm/io/atomic_file.h"
 #include "raysfm/io/colmap_model.h"
+#include "raysfm/io/covariance_file.h"
 #include "raysfm/io/lens_file.h"
+#include "raysfm/io/lens_plot.h"
 #include "raysfm/io/output_folder.h"
 #include "raysfm/io/ply_file.h"
 #include "raysfm/io/trajectory_file.h"
@@ -19,16 +21,23 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kFiles[] = {"trajectory.txt", "points.ply", "lens.csv", "config.yaml", "report.json"};
+constexpr const char* kFiles[] = {"trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply",
+                                  "lens.csv",       "lens.png",      "config.yaml",    "report.json"};
 
-Trajectory trajectory_of(const SolveResult& result) {
-  Trajectory trajectory;
-  for (const SolvedFrame& frame : result.frames) {
-    if (!frame.cam_from_world) continue;
-    trajectory.timestamps.push_back(frame.timestamp);
-    trajectory.world_from_cam.push_back(frame.cam_from_world->inverse());
+// What the writers of any reconstruction take.
+Reconstruction reconstruction_of(const SolveResult& result) {
+  Reconstruction r;
+  r.metric_scale = result.world_is_given;
+  for (size_t f = 0; f < result.frames.size(); ++f) {
+    const SolvedFrame& frame = result.frames[f];
+    PosedFrame& posed = r.frames.emplace_back();
+    posed.timestamp = frame.timestamp;
+    posed.covariance = frame.covariance;
+    if (frame.cam_from_world) posed.world_from_rig = frame.cam_from_world->inverse();
+    if (frame.cam_from_world && frame.keyframe) r.keyframes.push_back({.frame = static_cast<int>(f)});
   }
-  return trajectory;
+  for (const SolvedPoint& p : result.points) r.points.push_back({.position = p.position, .rgb = p.rgb});
+  return r;
 }
 
 std::vector<LensOfFrame> lenses_of(const SolveResult& result) {
@@ -128,9 +137,42 @@ Json frames_of(const SolveResult& result) {
     const SolvedFrame& frame = result.frames[f];
     posed += frame.cam_from_world.has_value();
     if (frame.cam_from_world) continue;
-    without_pose.push_back({{"frame", f}, {"timestamp", frame.timestamp}, {"reason", frame.reason}});
+    without_pose.push_back({{"index", f},
+                            {"timestamp", frame.timestamp},
+                            {"image", frame.image_name},
+                            {"reason", frame.reason}});
   }
   return {{"total", result.frames.size()}, {"posed", posed}, {"without_pose", without_pose}};
+}
+
+// One world: from the first pose to the last.
+Json segments_of(const SolveResult& result) {
+  int first = -1, last = -1;
+  for (int f = 0; f < static_cast<int>(result.frames.size()); ++f) {
+    if (!result.frames[f].cam_from_world) continue;
+    if (first < 0) first = f;
+    last = f;
+  }
+  if (first < 0) return Json::array();
+  const bool to_the_end = last + 1 == static_cast<int>(result.frames.size());
+  const std::string reason = to_the_end ? "end of input" : result.frames[last + 1].reason;
+  return Json::array({{{"first", first}, {"last", last}, {"reason", reason}}});
+}
+
+Json timing_of(const SolveResult& result) {
+  Json timing = Json::object();
+  for (const auto& [name, stage] : result.stages) {
+    timing[name] = {{"mean_ms", stage.mean_ms()},
+                    {"median_ms", stage.median_ms()},
+                    {"max_ms", stage.max_ms},
+                    {"count", stage.count}};
+  }
+  timing["read_s"] = result.read_s;
+  timing["solve_s"] = result.solve_s;
+  timing["wall_s"] = result.wall_s;
+  timing["frames_per_second"] = double(result.frames.size()) / result.wall_s;
+  timing["peak_rss_mib"] = result.peak_rss_mib;
+  return timing;
 }
 
 std::string report_text(const SolveResult& result, const SolveSettings& settings,
@@ -163,25 +205,28 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
   json["cost"] = {{"initial", lm.initial_cost}, {"final", lm.final_cost}};
   json["iterations"] = lm.iterations;
   json["termination"] = std::string(to_string(lm.termination));
-  json["segments"] =
-      Json::array({{{"first", 0}, {"last", result.frames.size() - 1}, {"reason", "end of input"}}});
+  json["segments"] = segments_of(result);
   json["start"] = {
       {"method", result.world_is_given ? "known structure" : "fundamental matrix and absolute dual quadric"},
       {"frames", {result.start_frames[0], result.start_frames[1]}},
       {"inliers", result.start_inliers}};
-  json["timing"] = {{"read_s", result.read_s},
-                    {"solve_s", result.solve_s},
-                    {"wall_s", result.wall_s},
-                    {"frames_per_second", double(result.frames.size()) / result.wall_s},
-                    {"peak_rss_mib", result.peak_rss_mib}};
+  json["timing"] = timing_of(result);
   // Names of files need not be UTF-8.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-Result<void> write_points(const SolveResult& result, const fs::path& path) {
-  Reconstruction points;
-  for (const SolvedPoint& p : result.points) points.points.push_back({.position = p.position, .rgb = p.rgb});
-  return write_points_ply(points, path);
+std::string trajectory_header(const SolveResult& result, const char* what) {
+  return fmt::format(
+      "{}: world from camera; axes x right, y down, z forward; Hamilton quaternion\n"
+      "scale: {}\ntimestamp tx ty tz qx qy qz qw",
+      what, result.world_is_given ? "of the known structure" : "arbitrary");
+}
+
+Result<void> write_lenses(const SolveResult& result, const fs::path& folder) {
+  const std::vector<LensOfFrame> lenses = lenses_of(result);
+  Result<void> written = write_lens_file(lenses, folder / "lens.csv");
+  if (written && !lenses.empty()) written = plot_lens(lenses, folder / "lens.png");
+  return written;
 }
 
 }  // namespace
@@ -200,18 +245,20 @@ Result<void> check_solve_output(const fs::path& input, const fs::path& folder) {
 
 Result<void> write_solve_output(const SolveResult& result, const SolveSettings& settings,
                                 const std::string& version, const fs::path& folder) {
+  const Reconstruction reconstruction = reconstruction_of(result);
   Result<void> written = prepare_output_folder(folder);
   if (written) {
     written =
-        write_trajectory(trajectory_of(result),
-                         "every frame with a pose: world from camera; axes x right, y down, z forward; "
-                         "Hamilton quaternion\nscale: " +
-                             std::string(result.world_is_given ? "of the known structure" : "arbitrary") +
-                             "\ntimestamp tx ty tz qx qy qz qw",
+        write_trajectory(posed_frames(reconstruction), trajectory_header(result, "every frame with a pose"),
                          folder / "trajectory.txt");
   }
-  if (written) written = write_points(result, folder / "points.ply");
-  if (written) written = write_lens_file(lenses_of(result), folder / "lens.csv");
+  if (written) {
+    written = write_trajectory(posed_keyframes(reconstruction), trajectory_header(result, "key frames"),
+                               folder / "keyframes.txt");
+  }
+  if (written) written = write_covariance_csv(reconstruction, folder / "covariance.csv");
+  if (written) written = write_points_ply(reconstruction, folder / "points.ply");
+  if (written) written = write_lenses(result, folder);
   if (written) written = write_colmap_model(model_of(result), folder / "sparse");
   if (written) {
     SolveSettings effective = settings;

@@ -143,17 +143,23 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
   ViewStream stream(input->streams, {camera}, threads);
   TrackJoiner joiner;
   bool interrupted = false;
+  StageTiming detect, follow;
   while (!(interrupted = callbacks.stop && callbacks.stop->load())) {
     const Result<ViewPtr> view = stream.next();
     if (!view) return view.error();
     if (!*view) break;
-    joiner.add(*view);
+    detect.add((*view)->detect_ms);
+    {
+      const ScopedTimer timer(follow);
+      joiner.add(*view);
+    }
     if (callbacks.progress) callbacks.progress("frame", joiner.frames(), source.frame_count());
   }
   if (!interrupted) tell(Event::Level::kWarning, source.note());
   if (joiner.frames() == 0) return bad_input(fmt::format("{}: no frames", source.description()));
   SolveInput result = joiner.finish();
   result.interrupted = interrupted;
+  result.stages = {{"decode", stream.finish()}, {"detect", detect}, {"follow", follow}};
   return result;
 }
 

@@ -13,6 +13,7 @@ constexpr int kMinPlacedInImage = 20;
 // An adjustment follows when this part of the key frames, and at least so many, are new.
 constexpr double kNewShare = 0.15;
 constexpr int kMinNew = 4;
+constexpr int kGroups = 10;                       // of the jackknife
 constexpr double kMorePoints = 1.3;               // than at the last failure: an image is tried again
 constexpr double kMinParallax = 0.02;             // radians, of a point that is placed
 constexpr double kKeyframePrincipalPoint = 0.01;  // standard deviations, as shares of the image's larger side
@@ -108,6 +109,7 @@ int VideoGrowth::next_keyframe() const {
 }
 
 bool VideoGrowth::pose(int image) {
+  const ScopedTimer timer(result_.stages["pose"]);
   const int a = nearest_posed(keyframe_, result_, image, -1), b = nearest_posed(keyframe_, result_, image, 1);
   const int near = a < 0 || (b >= 0 && b - image < image - a) ? b : a;
   if (near < 0) return false;
@@ -158,18 +160,24 @@ void VideoGrowth::place_points_in(int image) {
   }
 }
 
+// Predicted minus observed; not finite where the point is not in front.
+Eigen::Vector2d VideoGrowth::residual(int observation) const {
+  const int image = tracks_.image[observation];
+  const Eigen::Vector3d x =
+      result_.scene.cam_from_world[image] * result_.scene.points[tracks_.point[observation]];
+  if (!(x.z() > 0)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  return result_.scene.lenses[image].pixel(x.hnormalized()) - tracks_.pixel[observation];
+}
+
 // Judges the observations in key frames; a point without two inliers or with more outliers is given up.
 void VideoGrowth::judge(int point) {
   int good = 0, seen = 0;
   for (const int k : of_point_[point]) {
-    const int image = tracks_.image[k];
     result_.inlier[k] = 0;
-    if (!result_.image_posed[image]) continue;
+    if (!result_.image_posed[tracks_.image[k]]) continue;
     ++seen;
-    const Eigen::Vector3d x = result_.scene.cam_from_world[image] * result_.scene.points[point];
-    if (!result_.point_placed[point] || !(x.z() > 0)) continue;
-    const Eigen::Vector2d pixel = result_.scene.lenses[image].pixel(x.hnormalized());
-    result_.inlier[k] = (pixel - tracks_.pixel[k]).norm() < options_.max_error_px;
+    if (!result_.point_placed[point]) continue;
+    result_.inlier[k] = residual(k).norm() < options_.max_error_px;
     good += result_.inlier[k];
   }
   if (good >= 2 && 2 * good > seen) return;
@@ -177,7 +185,7 @@ void VideoGrowth::judge(int point) {
   for (const int k : of_point_[point]) result_.inlier[k] = 0;
 }
 
-Result<void> VideoGrowth::adjust(bool last) {
+LensAdjustmentOptions VideoGrowth::adjustment_options() const {
   LensAdjustmentOptions adjustment;
   LensConstraints& constraints = adjustment.constraints;
   constraints.equal = !result_.zooming;
@@ -186,6 +194,13 @@ Result<void> VideoGrowth::adjust(bool last) {
       options_.principal_point_sigma * tracks_.image_size.maxCoeff() / (options_.max_error_px / 3);
   adjustment.method = options_.constraints;
   adjustment.loss = {RobustLoss::Kind::kHuber, options_.max_error_px / 3};
+  adjustment.with_sigma = false;
+  return adjustment;
+}
+
+Result<void> VideoGrowth::adjust(bool last) {
+  const ScopedTimer timer(result_.stages["adjust"]);
+  LensAdjustmentOptions adjustment = adjustment_options();
   adjustment.reweightings = last ? 3 : 1;
   adjustment.with_sigma = last;
   if (!last) adjustment.lm = {.max_iterations = 10, .min_relative_decrease = 1e-3};
@@ -203,20 +218,72 @@ Result<void> VideoGrowth::adjust(bool last) {
   return {};
 }
 
+// Of the loss, as the residuals are now.
+std::vector<double> VideoGrowth::robust_weights() const {
+  const RobustLoss loss = adjustment_options().loss;
+  std::vector<double> weights;
+  for (const int k : original_) {
+    weights.push_back(result_.inlier[k] ? loss.weight(residual(k).squaredNorm()) : 0);
+  }
+  return weights;
+}
+
+std::optional<RadialEstimate> VideoGrowth::radial() const {
+  const ScopedTimer timer(result_.stages["distortion"]);
+  return estimate_radial(in_keyframes_, robust_weights(), adjustment_options(), result_.scene);
+}
+
+// By point: tracks that begin in one key frame live through the same images, and their errors are alike.
+std::vector<int> VideoGrowth::groups_by_birth() const {
+  std::vector<int> group(tracks_.point_count, 0), number(tracks_.image_count, 0);
+  for (int j = 1; j < tracks_.image_count; ++j) number[j] = number[j - 1] + keyframe_[j - 1];
+  for (int i = 0; i < tracks_.point_count; ++i) {
+    if (!of_point_[i].empty()) group[i] = number[tracks_.image[of_point_[i].front()]] % kGroups;
+  }
+  return group;
+}
+
+void VideoGrowth::widen_sigma(ThreadPool* pool) {
+  const ScopedTimer timer(result_.stages["jackknife"]);
+  const std::vector<double> all = robust_weights();
+  const std::vector<int> group_of = groups_by_birth();
+  std::vector<std::vector<Lens>> lenses(kGroups);
+  pool->parallel_for(kGroups, [&](int group) {
+    LensAdjustmentOptions adjustment = adjustment_options();
+    adjustment.loss.kind = RobustLoss::Kind::kNone;  // the weights have it in them
+    adjustment.lm.initial_damping = 1e-6;            // near the bottom
+    std::vector<double> weights = all;
+    for (size_t k = 0; k < weights.size(); ++k) {
+      if (group_of[in_keyframes_.point[k]] == group) weights[k] = 0;
+    }
+    UncalibratedScene scene = result_.scene;
+    if (adjust_standard(in_keyframes_, weights, adjustment, &scene)) lenses[group] = std::move(scene.lenses);
+  });
+  std::erase_if(lenses, [](const auto& group) { return group.empty(); });
+  if (lenses.size() < 2) return;
+  const double count = static_cast<double>(lenses.size());
+  for (int j = 0; j < tracks_.image_count; ++j) {
+    if (!keyframe_[j] || !result_.image_posed[j]) continue;
+    LensVector mean = LensVector::Zero(), square = LensVector::Zero();
+    for (const auto& group : lenses) mean += group[j].vector() / count;
+    for (const auto& group : lenses) square += (group[j].vector() - mean).cwiseAbs2();
+    const LensVector spread = ((count - 1) / count * square).cwiseSqrt();
+    result_.lens_sigma[j] = result_.lens_sigma[j].cwiseMax(spread);
+  }
+}
+
 void VideoGrowth::measure() {
   double sum = 0;
   int count = 0;
   for (const int k : original_) {
-    const int image = tracks_.image[k];
     if (!result_.inlier[k]) continue;
-    const Eigen::Vector3d x = result_.scene.cam_from_world[image] * result_.scene.points[tracks_.point[k]];
-    sum += (result_.scene.lenses[image].pixel(x.hnormalized()) - tracks_.pixel[k]).squaredNorm();
+    sum += residual(k).squaredNorm();
     ++count;
   }
   result_.rms_px = count > 0 ? std::sqrt(sum / count) : 0;
 }
 
-Result<void> VideoGrowth::run(const GrowthControl& control) {
+Result<void> VideoGrowth::grow(const GrowthControl& control) {
   result_.lens_sigma.assign(tracks_.image_count,
                             LensVector::Constant(std::numeric_limits<double>::infinity()));
   place_points();
@@ -234,10 +301,14 @@ Result<void> VideoGrowth::run(const GrowthControl& control) {
     if (auto r = adjust(false); !r) return r;
     place_points();
   }
-  for (const bool last : {false, true}) {
-    if (auto r = adjust(last); !r) return r;
-    if (!last) place_points();
-  }
+  if (auto r = adjust(false); !r) return r;
+  place_points();
+  return {};
+}
+
+Result<void> VideoGrowth::finish() {
+  place_points();
+  if (auto r = adjust(true); !r) return r;
   measure();
   return {};
 }
@@ -259,7 +330,12 @@ void pose_between(const PointTracks& tracks, std::span<const uint8_t> keyframe, 
     const Rigid3 near_pose = between(scene.cam_from_world[from], scene.cam_from_world[to], share);
     const Lens near_lens = between(scene.lenses[from], scene.lenses[to], share);
     const bool posed = pose_image(tracks, of_image[j], near_pose, near_lens, sigma, options, j, result);
-    if (posed && !result->zooming) result->lens_sigma[j] = result->lens_sigma[from];
+    if (!posed) return;
+    // The map is no better known than the lenses of the key frames.
+    LensVector of_map = result->lens_sigma[from].cwiseAbs2();
+    if (from != to) of_map = (1 - share) * of_map + share * result->lens_sigma[to].cwiseAbs2();
+    LensVector& sigma = result->lens_sigma[j];
+    sigma = ((result->zooming ? sigma.cwiseAbs2() : LensVector(LensVector::Zero())) + of_map).cwiseSqrt();
   });
 }
 

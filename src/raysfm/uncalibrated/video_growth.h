@@ -3,11 +3,13 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/uncalibrated/reconstruct.h"
+#include "raysfm/uncalibrated/video_radial.h"
 #include "raysfm/uncalibrated/video_resection.h"
 
 namespace raysfm {
@@ -27,8 +29,16 @@ class VideoGrowth {
   VideoGrowth(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
               UncalibratedReconstruction* result);
 
-  // Adds key frames outward from those posed, and adjusts. The result's rms_px is over the key frames.
-  Result<void> run(const GrowthControl& control);
+  // Adds key frames outward from those posed, with adjustments in between.
+  Result<void> grow(const GrowthControl& control);
+  // The distortion of all key frames, from where they are.
+  std::optional<RadialEstimate> radial() const;
+  // Adjusts to the end. The result's rms_px is over the key frames.
+  Result<void> finish();
+  // Raises the standard deviations of the lenses to what the jackknife says: the spread of the lenses when
+  // one group of tracks after the other is left out. Errors of a track, and of those beside it, are alike
+  // from frame to frame, which the normal equations do not know.
+  void widen_sigma(ThreadPool* pool);
 
  private:
   int next_keyframe() const;
@@ -38,6 +48,10 @@ class VideoGrowth {
   void place_points_in(int image);
   bool place(int point);
   void judge(int point);
+  LensAdjustmentOptions adjustment_options() const;
+  std::vector<double> robust_weights() const;
+  std::vector<int> groups_by_birth() const;
+  Eigen::Vector2d residual(int observation) const;
   Result<void> adjust(bool last);
   void measure();
 

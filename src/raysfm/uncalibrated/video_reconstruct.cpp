@@ -4,9 +4,13 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <optional>
 
+#include "raysfm/core/median.h"
 #include "raysfm/uncalibrated/degeneracy.h"
 #include "raysfm/uncalibrated/video_growth.h"
+#include "raysfm/uncalibrated/video_motion.h"
+#include "raysfm/uncalibrated/video_radial.h"
 
 namespace raysfm {
 namespace {
@@ -14,6 +18,14 @@ namespace {
 constexpr int kStartImages = 16;  // key frames
 constexpr int kStarts = 5;        // stretches tried
 constexpr double kSureFocal = 0.01;
+
+std::vector<int> marked(std::span<const uint8_t> marks) {
+  std::vector<int> numbers;
+  for (size_t j = 0; j < marks.size(); ++j) {
+    if (marks[j]) numbers.push_back(static_cast<int>(j));
+  }
+  return numbers;
+}
 
 // The stretch [first, last) of the key frames alone.
 struct Stretch {
@@ -107,18 +119,82 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
   return best;
 }
 
-Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                                         const SolveOptions& options, const GrowthControl& control) {
-  std::vector<int> keyframes;
-  for (int j = 0; j < tracks.image_count; ++j) {
-    if (keyframe[j]) keyframes.push_back(j);
+// The lens with which an image was taken, or one taken near it, -1 without one.
+int nearest_with_lens(const UncalibratedReconstruction& r, int image) {
+  for (int d = 0; d < static_cast<int>(r.image_posed.size()); ++d) {
+    for (const int j : {image - d, image + d}) {
+      if (j >= 0 && j < static_cast<int>(r.image_posed.size()) && r.image_posed[j]) return j;
+    }
   }
-  Result<UncalibratedReconstruction> result = find_start(tracks, keyframes, options, control);
+  return -1;
+}
+
+// All tracks as lenses without distortion would show them; what cannot be told lies where nothing agrees.
+PointTracks ideal_tracks(const PointTracks& tracks, const UncalibratedReconstruction& r) {
+  if (r.radial.none()) return tracks;
+  std::vector<Lens> lenses;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    const int nearest = nearest_with_lens(r, j);
+    lenses.push_back(nearest < 0 ? Lens{} : r.scene.lenses[nearest]);
+  }
+  std::vector<double> weights(tracks.size(), 1);
+  return without_distortion(tracks, lenses, r.radial, &weights);
+}
+
+// Whether a distortion is there: far surer than noise, and of an effect that can be seen.
+bool is_sure(const PointTracks& tracks, const UncalibratedReconstruction& r, const RadialEstimate& estimate) {
+  constexpr double kSigmas = 15;  // those of the estimate are too small where errors are alike along a track
+  constexpr double kLeastEffect = 0.5;  // pixels, at the corners of the image
+  std::vector<double> focal;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    if (r.image_posed[j]) focal.push_back(r.scene.lenses[j].fx);
+  }
+  if (focal.empty()) return false;
+  const double middle = median_of(&focal);
+  const double corner = 0.5 * tracks.image_size.norm();
+  return std::abs(estimate.k1) > kSigmas * estimate.sigma &&
+         std::abs(estimate.k1) * std::pow(corner, 3) > kLeastEffect * middle * middle;
+}
+
+// Adjusts to the end, with the distortion where there is one.
+Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
+                    RadialChoice choice, const GrowthControl& control, VideoGrowth* growth,
+                    UncalibratedReconstruction* result) {
+  if (choice == RadialChoice::kNone) return growth->finish();
+  std::optional<RadialEstimate> estimate = growth->radial();
+  if (!estimate || (choice == RadialChoice::kIfSure && !is_sure(tracks, *result, *estimate))) {
+    return growth->finish();
+  }
+  result->scene = std::move(estimate->scene);
+  result->radial.k1 = estimate->k1;
+  const PointTracks ideal = ideal_tracks(tracks, *result);
+  VideoGrowth again(ideal, keyframe, options, result);
+  if (auto r = again.grow(control); !r) return r;  // what the distortion kept out may come in now
+  if (auto r = again.finish(); !r) return r;
+  result->radial_sigma.k1 = estimate->sigma;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    LensVector& sigma = result->lens_sigma[j];
+    sigma = (sigma.cwiseAbs2() + (estimate->sigma * estimate->lens_by_k1[j]).cwiseAbs2()).cwiseSqrt();
+  }
+  return {};
+}
+
+Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                         const SolveOptions& options, RadialChoice radial,
+                                         const GrowthControl& control) {
+  const std::vector<int> keyframes = marked(keyframe);
+  StageTiming start_time;
+  Result<UncalibratedReconstruction> result = [&] {
+    const ScopedTimer timer(start_time);
+    return find_start(tracks, keyframes, options, control);
+  }();
   if (!result) return result;
+  result->stages["start"] = start_time;
   VideoGrowth growth(tracks, keyframe, options, &*result);
-  if (auto grown = growth.run(control); !grown) return grown.error();
-  result->degenerate = name_degeneracy(result->scene, result->image_posed, result->point_placed,
-                                       result->adjustment.lens_sigma);
+  if (auto grown = growth.grow(control); !grown) return grown.error();
+  if (auto finished = finish(tracks, keyframe, options, radial, control, &growth, &*result); !finished) {
+    return finished.error();
+  }
   return result;
 }
 
@@ -135,7 +211,8 @@ Comparison compare(const PointTracks& tracks, std::span<const uint8_t> keyframe,
   const auto square = [&](const UncalibratedReconstruction& r, int k) {
     if (!r.inlier[k]) return max_error * max_error;
     const Eigen::Vector3d x = r.scene.cam_from_world[tracks.image[k]] * r.scene.points[tracks.point[k]];
-    return (r.scene.lenses[tracks.image[k]].pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm();
+    const Eigen::Vector2d m = r.radial(x.hnormalized());
+    return (r.scene.lenses[tracks.image[k]].pixel(m) - tracks.pixel[k]).squaredNorm();
   };
   for (int k = 0; k < tracks.size(); ++k) {
     if (!keyframe[tracks.image[k]] || !(fixed.inlier[k] || zoom.inlier[k])) continue;
@@ -166,32 +243,35 @@ double focal_spread(const PointTracks& tracks, std::span<const uint8_t> keyframe
   return count > 0 ? std::sqrt(std::max(0.0, square / count - std::pow(sum / count, 2))) : 0;
 }
 
-// A lens for each image adds three numbers to each; they must lower the cost by more than the Bayesian
-// information criterion asks for, and mean a change of the focal length that is one.
+// A lens for each image adds three numbers to each. They must lower the cost by more than the Bayesian
+// information criterion asks for; and as they also take up errors that are alike along a track, the focal
+// length must change by more than such errors bring about, or the residuals fall by what they cannot.
 bool zooms(const PointTracks& tracks, std::span<const uint8_t> keyframe,
            const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom, double max_error,
            std::string* evidence) {
-  constexpr double kLeastSpread = 0.01;
+  constexpr double kLeastSpread = 0.01, kSureSpread = 0.03, kSureRatio = 1.15;
   const Comparison c = compare(tracks, keyframe, fixed, zoom, max_error);
   const double freedom = std::max(1.0, 2.0 * c.observations - 9.0 * c.images - 3.0 * c.points + 7);
   const double gain = (c.fixed - c.zoom) / std::max(c.zoom / freedom, 1e-12);
   const double needed = 3.0 * std::max(1, c.images - 1) * std::log(std::max(2, 2 * c.observations));
   const double spread = focal_spread(tracks, keyframe, zoom);
-  const bool zooming = gain > needed && spread > kLeastSpread;
+  const double ratio = std::sqrt(c.fixed / std::max(c.zoom, 1e-12));
+  const bool zooming = gain > needed && spread > kLeastSpread && (spread > kSureSpread || ratio > kSureRatio);
   const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
   *evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
               " px with one for each image over the same observations: " + std::to_string(gain) +
               " variances less, more than " + std::to_string(needed) +
-              " mean zooming where the focal length changes by more than 1 %; it changes by " +
+              " mean zooming where the focal length changes by more than 3 %, or by 1 % and the rms falls by "
+              "a seventh; it changes by " +
               std::to_string(100 * spread) + " %";
   return zooming;
 }
 
 // The same video with one lens and with a lens for each image, side by side, and which of them it is.
 Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                                              const SolveOptions& options, const VideoControl& control,
+                                              const SolveOptions& options, const VideoOptions& video,
                                               ThreadPool* pool) {
-  const int keyframes = static_cast<int>(std::ranges::count_if(keyframe, [](uint8_t k) { return k != 0; }));
+  const int keyframes = static_cast<int>(marked(keyframe).size());
   std::mutex mutex;
   int posed[2] = {0, 0};
   Result<UncalibratedReconstruction> found[2] = {no_reconstruction(""), no_reconstruction("")};
@@ -201,9 +281,9 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
     const auto progress = [&, i](int count) {
       const std::lock_guard lock(mutex);
       posed[i] = count;
-      if (control.progress) control.progress(std::min(posed[0], posed[1]), keyframes);
+      if (video.progress) video.progress(std::min(posed[0], posed[1]), keyframes);
     };
-    found[i] = build(tracks, keyframe, own, {progress, control.stop});
+    found[i] = build(tracks, keyframe, own, video.radial, {progress, video.stop});
   });
   auto &fixed = found[0], &zoom = found[1];
   if (!fixed && !zoom) return fixed;
@@ -220,30 +300,43 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
 }
 
 Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                                             const SolveOptions& options, const VideoControl& control) {
-  const int keyframes = static_cast<int>(std::ranges::count_if(keyframe, [](uint8_t k) { return k != 0; }));
+                                             const SolveOptions& options, const VideoOptions& video) {
+  const int keyframes = static_cast<int>(marked(keyframe).size());
   const auto progress = [&](int posed) {
-    if (control.progress) control.progress(posed, keyframes);
+    if (video.progress) video.progress(posed, keyframes);
   };
-  return build(tracks, keyframe, options, {progress, control.stop});
+  return build(tracks, keyframe, options, video.radial, {progress, video.stop});
+}
+
+// Standard deviations, and the images that are no key frames.
+void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
+              ThreadPool* pool, UncalibratedReconstruction* result) {
+  const PointTracks ideal = ideal_tracks(tracks, *result);
+  VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
+  result->degenerate =
+      name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
+  const ScopedTimer timer(result->stages["between"]);
+  pose_between(ideal, keyframe, options, pool, result);
 }
 
 }  // namespace
 
 Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                                                      std::span<const uint8_t> keyframe,
-                                                     const SolveOptions& options,
-                                                     const VideoControl& control) {
+                                                     const SolveOptions& options, const VideoOptions& video) {
   if (auto ok = validate(tracks); !ok) return ok.error();
   if (static_cast<int>(keyframe.size()) != tracks.image_count) {
     return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
                      std::to_string(tracks.image_count));
   }
-  ThreadPool pool(control.threads - 1);
+  const HopelessMotion hopeless =
+      hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
+  if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
+  ThreadPool pool(video.threads - 1);
   Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto
-                                                  ? build_both(tracks, keyframe, options, control, &pool)
-                                                  : build_one(tracks, keyframe, options, control);
-  if (result) pose_between(tracks, keyframe, options, &pool, &*result);
+                                                  ? build_both(tracks, keyframe, options, video, &pool)
+                                                  : build_one(tracks, keyframe, options, video);
+  if (result) complete(tracks, keyframe, options, &pool, &*result);
   return result;
 }
 

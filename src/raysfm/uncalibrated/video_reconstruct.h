@@ -10,10 +10,18 @@
 
 namespace raysfm {
 
-struct VideoControl {
+enum class RadialChoice {
+  kNone,   // lenses map straight lines to straight lines
+  kFree,   // one coefficient k1 for all images is estimated at the end
+  kIfSure  // the same, kept where the images leave no doubt about it
+};
+
+// What reconstruct_video() takes beside what is common to all images.
+struct VideoOptions {
+  RadialChoice radial = RadialChoice::kIfSure;
   int threads = 1;  // > 0; never changes a result
   // Key frames with a pose, of all; one call at a time, from any thread.
-  std::function<void(int posed, int keyframes)> progress;
+  std::function<void(int posed, int keyframes)> progress = nullptr;
   const std::atomic<bool>* stop = nullptr;  // set: ends early with what there is
 };
 
@@ -25,6 +33,6 @@ struct VideoControl {
 Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                                                      std::span<const uint8_t> keyframe,
                                                      const SolveOptions& options,
-                                                     const VideoControl& control = {});
+                                                     const VideoOptions& video = {});
 
 }  // namespace raysfm
