@@ -6,8 +6,9 @@
 namespace raysfm {
 namespace {
 
-constexpr double kSteps[] = {0.03, 0.01};  // between the points of a parabola, the second about the first's
-constexpr double kMaxK1 = 0.4;             // farther, the parabolas do not hold
+constexpr double kWideStep = 0.03, kStep = 0.01;  // between the points of a parabola, at first and at last
+constexpr int kMaxParabolas = 8;
+constexpr double kMaxK1 = 0.4;  // farther, the parabolas do not hold
 
 // The point that the distortion takes to m; false where there is none.
 bool undistort(const RadialDistortion& radial, const Eigen::Vector2d& m, Eigen::Vector2d* ideal) {
@@ -96,18 +97,23 @@ std::optional<RadialEstimate> estimate_radial(const PointTracks& tracks, std::sp
   const double without = middle.cost;
   double k1 = 0, curvature = 0;
   Trial sides[2];
-  for (const double step : kSteps) {
+  double step = kWideStep;
+  for (int i = 0; i < kMaxParabolas; ++i) {
     sides[0] = search.trial(k1 - step, middle.scene);
     sides[1] = search.trial(k1 + step, middle.scene);
     curvature = (sides[0].cost - 2 * middle.cost + sides[1].cost) / (step * step);
     if (!(curvature > 0) || !std::isfinite(curvature)) return {};
-    k1 += 0.5 * (sides[0].cost - sides[1].cost) / (curvature * step);
+    const double change = 0.5 * (sides[0].cost - sides[1].cost) / (curvature * step);
+    k1 += change;
     if (!(std::abs(k1) < kMaxK1)) return {};
     Trial next = search.trial(k1, middle.scene);
     // The same displacement of a pixel, told by the new focal lengths.
-    const double change = mean_square_ratio(tracks, weights, middle.scene.lenses, next.scene.lenses);
+    const double ratio = mean_square_ratio(tracks, weights, middle.scene.lenses, next.scene.lenses);
     middle = std::move(next);
-    k1 *= change, curvature /= change * change;
+    k1 *= ratio, curvature /= ratio * ratio;
+    if (std::abs(change) > 0.5 * step) continue;  // beyond where the parabola was measured
+    if (step == kStep) break;
+    step = kStep;
   }
   RadialEstimate estimate;
   estimate.k1 = k1;
@@ -117,7 +123,7 @@ std::optional<RadialEstimate> estimate_radial(const PointTracks& tracks, std::sp
   estimate.gain = 2 * (without - middle.cost) / variance;
   for (size_t j = 0; j < scene.lenses.size(); ++j) {
     estimate.lens_by_k1.push_back((sides[1].scene.lenses[j].vector() - sides[0].scene.lenses[j].vector()) /
-                                  (2 * kSteps[1]));
+                                  (2 * step));
   }
   estimate.scene = std::move(middle.scene);
   return estimate;

@@ -17,7 +17,7 @@ struct Walk {
   std::vector<uint8_t> keyframe;
 };
 
-Walk make_walk(int images, double zoom, double noise) {
+Walk make_walk(int images, double zoom, double noise, double k1 = 0) {
   Rng rng(5);
   Walk walk;
   for (int i = 0; i < 900; ++i) {
@@ -40,13 +40,24 @@ Walk make_walk(int images, double zoom, double noise) {
     walk.keyframe.push_back(j % 3 == 0);
     for (int i = 0; i < 900; ++i) {
       const Eigen::Vector3d x = walk.truth.cam_from_world[j] * walk.truth.points[i];
-      if (!(x.z() > 1)) continue;
+      // Farther out the distortion would fold back into the image.
+      if (!(x.z() > 1) || x.hnormalized().norm() > 1) continue;
+      const Eigen::Vector2d m = (1 + k1 * x.hnormalized().squaredNorm()) * x.hnormalized();
       const Eigen::Vector2d p =
-          walk.truth.lenses[j].pixel(x.hnormalized()) + noise * Eigen::Vector2d(rng.normal(), rng.normal());
+          walk.truth.lenses[j].pixel(m) + noise * Eigen::Vector2d(rng.normal(), rng.normal());
       if (p.x() > 0 && p.y() > 0 && p.x() < 639 && p.y() < 479) walk.tracks.add(j, i, p);
     }
   }
   return walk;
+}
+
+double worst_focal_error_of_posed(const Walk& walk, const UncalibratedReconstruction& result) {
+  double worst = 0;
+  for (size_t j = 0; j < walk.truth.lenses.size(); ++j) {
+    if (!result.image_posed[j]) continue;
+    worst = std::max(worst, std::abs(result.scene.lenses[j].fx / walk.truth.lenses[j].fx - 1));
+  }
+  return worst;
 }
 
 double worst_focal_error(const Walk& walk, const UncalibratedReconstruction& result) {
@@ -74,6 +85,62 @@ TEST(ReconstructVideo, FixedLensIsNotTakenForAZoom) {
   EXPECT_FALSE(result->zooming) << result->lens_evidence;
   EXPECT_EQ(std::count(result->image_posed.begin(), result->image_posed.end(), 1), 72);
   EXPECT_LT(worst_focal_error(walk, *result), 0.01);
+}
+
+TEST(ReconstructVideo, DistortionIsFoundWithItsStandardDeviation) {
+  const Walk walk = make_walk(60, 0, 0.2, -0.1);
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_FALSE(result->zooming) << result->lens_evidence;
+  EXPECT_NEAR(result->radial.k1, -0.1, 0.003);
+  EXPECT_LT(std::abs(result->radial.k1 + 0.1), 5 * result->radial_sigma.k1);
+  EXPECT_GT(std::count(result->image_posed.begin(), result->image_posed.end(), 1), 55);
+  EXPECT_LT(worst_focal_error_of_posed(walk, *result), 0.005);
+  EXPECT_LT(result->rms_px, 0.35);
+  // Without it the focal length takes up what it can.
+  const auto without = reconstruct_video(walk.tracks, walk.keyframe, {}, {.radial = RadialChoice::kNone});
+  ASSERT_TRUE(without.ok());
+  EXPECT_TRUE(without->radial.none());
+  EXPECT_GT(worst_focal_error_of_posed(walk, *without), 0.01);
+}
+
+TEST(ReconstructVideo, NoDistortionIsFoundWhereThereIsNone) {
+  const Walk walk = make_walk(60, 0, 0.2);
+  const auto sure = reconstruct_video(walk.tracks, walk.keyframe, {});
+  ASSERT_TRUE(sure.ok()) << sure.error().message;
+  EXPECT_TRUE(sure->radial.none());
+  const auto free = reconstruct_video(walk.tracks, walk.keyframe, {.lens = LensChange::kFixed},
+                                      {.radial = RadialChoice::kFree});
+  ASSERT_TRUE(free.ok()) << free.error().message;
+  EXPECT_LT(std::abs(free->radial.k1), 4 * free->radial_sigma.k1);
+}
+
+TEST(ReconstructVideo, AnyNumberOfThreadsGivesTheSameBits) {
+  const Walk walk = make_walk(40, 0.2, 0.3);
+  const auto one = reconstruct_video(walk.tracks, walk.keyframe, {}, {.threads = 1});
+  const auto three = reconstruct_video(walk.tracks, walk.keyframe, {}, {.threads = 3});
+  ASSERT_TRUE(one.ok() && three.ok());
+  for (size_t j = 0; j < walk.truth.lenses.size(); ++j) {
+    EXPECT_EQ(one->scene.lenses[j].vector(), three->scene.lenses[j].vector());
+    EXPECT_EQ(one->lens_sigma[j], three->lens_sigma[j]);
+    EXPECT_EQ(one->scene.cam_from_world[j].translation, three->scene.cam_from_world[j].translation);
+  }
+  EXPECT_EQ(one->inlier, three->inlier);
+}
+
+TEST(ReconstructVideo, StopsWhereItIsToldTo) {
+  const Walk walk = make_walk(120, 0, 0.2);
+  std::atomic<bool> stop = false;
+  int posed = 0;
+  VideoOptions options;
+  options.progress = [&](int count, int) { stop = (posed = count) >= 20; };
+  options.stop = &stop;
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, {.lens = LensChange::kFixed}, options);
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  int keyframes = 0;
+  for (size_t j = 0; j < walk.keyframe.size(); ++j) keyframes += walk.keyframe[j] && result->image_posed[j];
+  EXPECT_EQ(keyframes, posed);
+  EXPECT_LT(worst_focal_error_of_posed(walk, *result), 0.02);
 }
 
 TEST(ReconstructVideo, RefusesMarksThatDoNotFit) {

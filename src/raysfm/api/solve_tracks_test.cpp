@@ -1,0 +1,119 @@
+#include "raysfm/api/solve_tracks.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "raysfm/core/median.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kWidth = 320, kHeight = 240;
+
+// Where a point of the texture is seen in a frame: pixel = scale * point + shift.
+struct Place {
+  double scale = 1;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+
+  Eigen::Vector2d texture(const Eigen::Vector2d& pixel) const { return (pixel - shift) / scale; }
+};
+
+// A band-limited texture, facing the camera.
+ViewPtr textured_view(int frame, const Place& place) {
+  auto view = std::make_shared<View>();
+  view->frame = frame;
+  view->timestamp = 0.1 * frame;
+  view->name = "frame";
+  view->cameras.resize(1);
+  view->cameras[0].image = GrayImage(kWidth, kHeight);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const Eigen::Vector2d p = place.texture({x, y});
+      double sum = 0;
+      for (int k = 1; k <= 7; ++k) {
+        sum +=
+            std::sin(0.09 * k * p.x() + 1.7 * k * k) * std::cos(0.083 * k * p.y() + 0.9 * k) / std::sqrt(k);
+        sum += 0.6 * std::sin(0.061 * k * (p.x() + p.y()) + 2.3 * k * k);
+      }
+      view->cameras[0].image.row(y)[x] = static_cast<uint8_t>(std::clamp(128.0 + 22.0 * sum, 0.0, 255.0));
+    }
+  }
+  HarrisDetector detector;
+  detect(detector, HarrisOptions{.max_features = 300}, &view->cameras[0]);
+  return view;
+}
+
+// How far observations of a track are from its first, on the texture; pixels of the first frame.
+struct Drift {
+  double median = 0;
+  double far = 0;  // share of those off by more than half a pixel: another point that looks alike
+};
+
+Drift drift(const PointTracks& tracks, const std::vector<Place>& places) {
+  std::map<int, Eigen::Vector2d> first;
+  std::vector<double> distances;
+  double far = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const Eigen::Vector2d p = places[tracks.image[k]].texture(tracks.pixel[k]);
+    const auto [known, is_first] = first.emplace(tracks.point[k], p);
+    if (is_first) continue;
+    distances.push_back((p - known->second).norm());
+    far += distances.back() > 0.5;
+  }
+  EXPECT_GT(distances.size(), 2000u);
+  far /= double(distances.size());
+  return {median_of(&distances), far};
+}
+
+SolveInput join(const std::vector<Place>& places) {
+  TrackJoiner joiner;
+  for (size_t j = 0; j < places.size(); ++j) joiner.add(textured_view(static_cast<int>(j), places[j]));
+  return joiner.finish();
+}
+
+TEST(TrackJoiner, TracksStayOnTheirPointsWhileTheCameraMovesAside) {
+  std::vector<Place> places;
+  for (int j = 0; j < 25; ++j) places.push_back({1, {3.3 * j, -0.7 * j}});
+  const SolveInput input = join(places);
+  ASSERT_EQ(input.keyframe.size(), 25u);
+  const Drift d = drift(input.tracks, places);
+  EXPECT_LT(d.median, 0.05);
+  EXPECT_LT(d.far, 0.05);
+  // 16 pixels, a twentieth of the width, make a key frame: five frames of 3.4.
+  EXPECT_EQ(input.keyframe[0], 1);
+  const auto keyframes = std::count(input.keyframe.begin(), input.keyframe.end(), 1);
+  EXPECT_GE(keyframes, 4);
+  EXPECT_LE(keyframes, 6);
+}
+
+TEST(TrackJoiner, TracksStayOnTheirPointsWhileTheLensZooms) {
+  std::vector<Place> places;
+  for (int j = 0; j < 25; ++j) {
+    const double scale = std::pow(1.02, j);  // to 1.6
+    places.push_back({scale, (1 - scale) * Eigen::Vector2d(kWidth / 2, kHeight / 2)});
+  }
+  const Drift d = drift(join(places).tracks, places);
+  EXPECT_LT(d.median, 0.1);
+  EXPECT_LT(d.far, 0.05);
+}
+
+TEST(TrackJoiner, EveryTrackIsSeenTwiceAndOnceInAnImage) {
+  std::vector<Place> places;
+  for (int j = 0; j < 12; ++j) places.push_back({1, {6.1 * j, 2.2 * j}});
+  const SolveInput input = join(places);
+  ASSERT_TRUE(validate(input.tracks).ok());
+  ASSERT_EQ(input.rgb.size(), static_cast<size_t>(input.tracks.point_count));
+  std::vector<int> seen(input.tracks.point_count, 0);
+  std::set<std::pair<int, int>> once;
+  for (int k = 0; k < input.tracks.size(); ++k) {
+    ++seen[input.tracks.point[k]];
+    EXPECT_TRUE(once.emplace(input.tracks.image[k], input.tracks.point[k]).second);
+  }
+  for (const int count : seen) EXPECT_GE(count, 2);
+}
+
+}  // namespace
+}  // namespace raysfm
