@@ -50,22 +50,41 @@ double OCam::angle_at(double rho) const {
   return rho > 0 ? std::atan2(rho, evaluate(a, degree, rho).value) : 0;
 }
 
-// Solves rho z - r f(rho) = 0, whose sign is that of the angle of rho less that of (r, z), by Newton's method
-// inside a bracket. Starts with a lens whose radius grows with the angle.
+// From a lens whose radius grows with the angle.
+std::array<float, OCam::kAngles + 1> OCam::radii_of_angles() const {
+  std::array<float, kAngles + 1> table;
+  for (int i = 0; i <= kAngles; ++i) {
+    const double share = static_cast<double>(i) / kAngles, theta = share * max_angle;
+    table[i] = static_cast<float>(radius_from(share * max_radius, std::sin(theta), std::cos(theta)).value);
+  }
+  return table;
+}
+
 RadiusAtAngle OCam::radius_at(double r, double z, double theta) const {
+  const double at = theta / max_angle * kAngles;
+  const int cell = std::min(static_cast<int>(at), kAngles - 1);
+  return radius_from(radii[cell] + (at - cell) * (radii[cell + 1] - radii[cell]), r, z);
+}
+
+// Solves rho z - r f(rho) = 0, whose sign is that of the angle of rho less that of (r, z), by Newton's method
+// inside a bracket. Its last step is so short that the next would not be seen.
+RadiusAtAngle OCam::radius_from(double start, double r, double z) const {
   constexpr int kMaxIterations = 60;
   double low = 0, high = max_radius;
-  double rho = max_radius * (theta / max_angle);
+  double rho = std::min(start, max_radius);
   RadiusAtAngle f = evaluate(a, degree, rho);
   for (int i = 0; i < kMaxIterations; ++i) {
     const double excess = rho * z - r * f.value;
     (excess > 0 ? high : low) = rho;
     double next = rho - excess / (z - r * f.slope);
     if (!(next >= low && next <= high)) next = 0.5 * (low + high);
-    const bool converged = std::abs(next - rho) <= 1e-14 * max_radius;
+    const double step = next - rho;
     rho = next;
+    if (std::abs(step) <= 1e-8 * max_radius) {
+      f.value += f.slope * step;
+      break;
+    }
     f = evaluate(a, degree, rho);
-    if (converged) break;
   }
   return {rho, (rho * rho + f.value * f.value) / (f.value - rho * f.slope)};
 }

@@ -39,6 +39,9 @@ struct OCam {
   int degree = polynomial_degree(a);
   double max_radius = rising_radius(a, degree);  // pixels on the ideal sensor
   double max_angle = angle_at(max_radius);       // radians
+  static constexpr int kAngles = 64;
+  std::array<float, kAngles + 1> radii =
+      radii_of_angles();  // of max_angle times 0, 1/64, ..., 1: to start from
 
   bool project(const Eigen::Vector3d& point, Eigen::Vector2d* pixel,
                Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const;
@@ -53,7 +56,9 @@ struct OCam {
   static int polynomial_degree(const std::array<double, kMaxCoefficients>& a);
   static double rising_radius(const std::array<double, kMaxCoefficients>& a, int degree);
   double angle_at(double rho) const;
+  std::array<float, kAngles + 1> radii_of_angles() const;
   RadiusAtAngle radius_at(double r, double z, double theta) const;
+  RadiusAtAngle radius_from(double start, double r, double z) const;
 };
 
 static_assert(CentralModel<OCam> && ProjectiveModel<OCam>);
