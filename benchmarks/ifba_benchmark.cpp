@@ -1,8 +1,9 @@
-// The experiments of IFBA01 (Malis, Bartoli 2001), figures 2 to 13: intrinsics-free, standard and polished
+// The experiments of IFBA01 (Malis, Bartoli 2001), figures 2 to 13: standard, intrinsics-free and polished
 // adjustment from the same start with the same stopping rule. Prints tables (Markdown); --plots writes
-// charts. Usage: ifba_benchmark [--trials N, default 1000] [--figure N, 2 to 13, default all] [--plots DIR]
-// [--seed N] A number chooses the run that draws it: 2, 3, 4; 5 (also 6, 7); 8 (also 9, 10); 11; 12 (also
-// 13).
+// charts. Usage: ifba_benchmark [--trials N, default 1000] [--figure N, 1 to 13, default all] [--plots DIR]
+// [--seed N]
+// A number chooses the run that draws it: 1 (weights of the constraints, no figure of the paper); 2, 3, 4; 5
+// (also 6, 7); 8 (also 9, 10); 11; 12 (also 13).
 
 #include <time.h>
 
@@ -57,7 +58,7 @@ double median(std::vector<double> values) {
 
 // What is measured of one method over the trials.
 struct Samples {
-  std::vector<double> ms, iterations, structure, focal, to_own, to_common;
+  std::vector<double> ms, iterations, structure, focal, to_own, to_common;  // structure: mm, focal: %
   int unreached = 0;
 };
 
@@ -109,8 +110,8 @@ bool compare(const Cube& cube, const UncalibratedScene& start, bool equal, std::
     Samples& s = (*samples)[m];
     s.ms.push_back(ms[m]);
     s.iterations.push_back(summaries[m].lm.iterations);
-    s.structure.push_back(raysfm::test_scenes::structure_error(scenes[m].points, cube.truth.points));
-    s.focal.push_back(focal_error(scenes[m], cube.truth));
+    s.structure.push_back(1e3 * raysfm::test_scenes::structure_error(scenes[m].points, cube.truth.points));
+    s.focal.push_back(100 * focal_error(scenes[m], cube.truth));
     const int before = summaries[m].lm.iterations - static_cast<int>(summaries[m].costs.size()) + 1;
     s.to_own.push_back(before + first_within(summaries[m].costs, 1.01 * summaries[m].lm.final_cost));
     const int reached = first_within(summaries[m].costs, 1.01 * common);
@@ -130,7 +131,7 @@ void print_header(const char* x) {
   std::printf(
       "| %s | method | CPU ms | iterations | to 1 %% of own | to 1 %% of common (share of trials) | "
       "structure "
-      "error | focal error | trials |\n|---|---|---|---|---|---|---|---|---|\n",
+      "error, mm | focal error, %% | trials |\n|---|---|---|---|---|---|---|---|---|\n",
       x);
 }
 
@@ -138,7 +139,7 @@ void print(const Row& row) {
   for (int m = 0; m < kMethods; ++m) {
     const Samples& s = row.samples[m];
     const double trials = double(s.ms.size());
-    std::printf("| %g | %s | %.2f | %.0f | %.0f | %.0f (%.0f %%) | %.2e | %.2e | %zu |\n", row.x, kNames[m],
+    std::printf("| %g | %s | %.2f | %.0f | %.0f | %.0f (%.0f %%) | %.3g | %.3g | %zu |\n", row.x, kNames[m],
                 median(s.ms), median(s.iterations), median(s.to_own), median(s.to_common),
                 100 * (trials - s.unreached) / trials, median(s.structure), median(s.focal), s.ms.size());
   }
@@ -159,8 +160,8 @@ LineChart chart(const std::vector<Row>& rows, const char* x, const char* y,
 void draw(const Settings& settings, const std::vector<Row>& rows, const char* x, const std::string& name) {
   if (settings.plots.empty()) return;
   draw_charts({chart(rows, x, "CPU ms", &Samples::ms), chart(rows, x, "iterations", &Samples::iterations),
-               chart(rows, x, "structure error, m", &Samples::structure),
-               chart(rows, x, "focal error", &Samples::focal)},
+               chart(rows, x, "structure error, mm", &Samples::structure),
+               chart(rows, x, "focal error, %", &Samples::focal)},
               settings.plots + "/" + name);
 }
 
@@ -287,8 +288,8 @@ void figures_2_to_4(const Settings& settings) {
   }
 }
 
-// Figures 12 and 13: six zooming cameras on an object that turns (share 1 - k) and moves away (share k) while
-// they zoom to keep its size and turn to keep it in the middle; adjusted at each instant from the last.
+// Figures 12 and 13: eight zooming cameras on an object that turns (share 1 - k) and moves away (share k)
+// while they zoom to keep its size and turn to keep it in the middle; adjusted at each instant from the last.
 UncalibratedScene at_instant(const Cube& first, const std::vector<Eigen::Vector3d>& shape, double k,
                              int instant) {
   UncalibratedScene scene = first.truth;
@@ -339,8 +340,9 @@ bool follow(const Settings& settings, uint64_t trial, double k, bool deforming,
       Samples& s = (*samples)[m];
       s.ms.push_back(ms);
       s.iterations.push_back(summary->lm.iterations);
-      s.structure.push_back(raysfm::test_scenes::structure_error(estimates[m].points, cube.truth.points));
-      s.focal.push_back(focal_error(estimates[m], cube.truth));
+      s.structure.push_back(1e3 *
+                            raysfm::test_scenes::structure_error(estimates[m].points, cube.truth.points));
+      s.focal.push_back(100 * focal_error(estimates[m], cube.truth));
     }
   }
   return true;
@@ -351,7 +353,8 @@ void figures_12_and_13(const Settings& settings) {
     std::printf("\n### Figures 12 and 13: %s object followed by 8 zooming cameras, 0.5 px of noise\n\n",
                 deforming ? "deforming" : "rigid");
     std::printf(
-        "| lens share %% | method | CPU ms | iterations | structure error | focal error | adjustments |\n"
+        "| lens share %% | method | CPU ms | iterations | structure error, mm | focal error, %% | "
+        "adjustments |\n"
         "|---|---|---|---|---|---|---|\n");
     std::vector<Row> rows;
     for (const double k : {0.0, 0.25, 0.5, 0.75, 1.0}) {
@@ -361,13 +364,45 @@ void figures_12_and_13(const Settings& settings) {
       }
       for (int m = 0; m < kMethods; ++m) {
         const Samples& s = row.samples[m];
-        std::printf("| %g | %s | %.2f | %.0f | %.2e | %.2e | %zu |\n", row.x, kNames[m], median(s.ms),
+        std::printf("| %g | %s | %.2f | %.0f | %.3g | %.3g | %zu |\n", row.x, kNames[m], median(s.ms),
                     median(s.iterations), median(s.structure), median(s.focal), s.ms.size());
       }
       std::fflush(stdout);
       rows.push_back(std::move(row));
     }
     draw(settings, rows, "lens share, %", deforming ? "ifba_deforming.png" : "ifba_rigid.png");
+  }
+}
+
+// Intrinsics-free by moments, its constraints with the weights that moments can bear and with heavy ones.
+void constraint_weights(const Settings& settings) {
+  std::printf(
+      "\n### Weights of the constraints, 6 images\n\n"
+      "| set-up | noise px | weight | iterations | structure error, mm | focal error, %% |\n"
+      "|---|---|---|---|---|---|\n");
+  for (const bool zooming : {false, true}) {
+    for (const double noise : {0.5, 1.0, 3.0}) {
+      for (const double weight : {1.0, 100.0}) {
+        Samples samples;
+        for (int t = 0; t < settings.trials; ++t) {
+          Rng rng(settings.seed + static_cast<uint64_t>(t), 41);
+          Cube cube = make_cube({.images = 6, .zooming = zooming}, &rng);
+          add_noise(noise, &rng, &cube.tracks);
+          auto scene = linear_start(cube.tracks, {.max_error_px = 1 + 5 * noise}, !zooming);
+          if (!scene) continue;
+          LensAdjustmentOptions options = options_of(!zooming, kFree);
+          options.constraint_weight = weight;
+          const auto summary = adjust_intrinsics_free(cube.tracks, {}, options, &*scene);
+          if (!summary) continue;
+          samples.iterations.push_back(summary->lm.iterations);
+          samples.structure.push_back(1e3 *
+                                      raysfm::test_scenes::structure_error(scene->points, cube.truth.points));
+          samples.focal.push_back(100 * focal_error(*scene, cube.truth));
+        }
+        std::printf("| %s | %g | %g | %.0f | %.3g | %.3g |\n", zooming ? "zoom" : "fixed", noise, weight,
+                    median(samples.iterations), median(samples.structure), median(samples.focal));
+      }
+    }
   }
 }
 
@@ -393,12 +428,13 @@ bool parse(int argc, char** argv, Settings* settings) {
 int main(int argc, char** argv) {
   Settings settings;
   if (!parse(argc, argv, &settings)) {
-    std::fprintf(stderr, "usage: ifba_benchmark [--trials N] [--figure 2..13] [--plots DIR] [--seed N]\n");
+    std::fprintf(stderr, "usage: ifba_benchmark [--trials N] [--figure 1..13] [--plots DIR] [--seed N]\n");
     return 2;
   }
   const auto wanted = [&](int first, int last) {
     return settings.figure == 0 || (settings.figure >= first && settings.figure <= last);
   };
+  if (wanted(1, 1)) constraint_weights(settings);
   if (wanted(2, 4)) figures_2_to_4(settings);
   if (wanted(5, 7)) figures_5_to_10(settings, false);
   if (wanted(8, 10)) figures_5_to_10(settings, true);

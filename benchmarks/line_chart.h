@@ -20,8 +20,17 @@ struct LineChart {
   std::vector<Series> series;
 };
 
+// The step of about four ticks over a range: 1, 2, 2.5 or 5 times a power of ten.
+inline double tick_step(double range) {
+  const double rough = range / 4, power = std::pow(10.0, std::floor(std::log10(rough)));
+  for (const double factor : {1.0, 2.0, 2.5, 5.0}) {
+    if (factor * power >= 0.999 * rough) return factor * power;
+  }
+  return 10 * power;
+}
+
 inline void draw_charts(const std::vector<LineChart>& charts, const std::filesystem::path& path) {
-  constexpr int kWidth = 420, kHeight = 300, kLeft = 70, kRight = 15, kTop = 40, kBottom = 45;
+  constexpr int kWidth = 420, kHeight = 300, kLeft = 70, kRight = 15, kTop = 56, kBottom = 45;
   const std::vector<cv::Scalar> colours = {
       {40, 140, 40}, {40, 40, 220}, {220, 120, 30}, {160, 30, 160}, {90, 90, 90}};
   cv::Mat image(kHeight, kWidth * static_cast<int>(charts.size()), CV_8UC3, cv::Scalar::all(255));
@@ -37,6 +46,9 @@ inline void draw_charts(const std::vector<LineChart>& charts, const std::filesys
       }
     }
     const double x0 = chart.x.front(), x1 = chart.x.back();
+    const double y_step = tick_step(high - low), x_step = tick_step(x1 - x0);
+    low = y_step * std::floor(low / y_step + 1e-9);
+    high = y_step * std::ceil(high / y_step - 1e-9);
     const int offset = kWidth * static_cast<int>(c);
     const auto at = [&](double x, double y) {
       return cv::Point(
@@ -44,13 +56,15 @@ inline void draw_charts(const std::vector<LineChart>& charts, const std::filesys
           kHeight - kBottom - int(std::lround((y - low) / (high - low) * (kHeight - kTop - kBottom))));
     };
     const cv::Scalar black = cv::Scalar::all(0), grey = cv::Scalar::all(220);
-    for (int k = 0; k <= 4; ++k) {
-      const double y = low + (high - low) * k / 4, x = x0 + (x1 - x0) * k / 4;
+    char label[32];
+    for (double y = low; y <= high + 1e-9 * y_step; y += y_step) {
       cv::line(image, at(x0, y), at(x1, y), grey);
-      char label[32];
-      std::snprintf(label, sizeof(label), "%.3g", y);
+      std::snprintf(label, sizeof(label), "%.4g", std::abs(y) < 1e-9 * y_step ? 0.0 : y);
       text(label, at(x0, y) + cv::Point(-55, 4), black, 0.35);
-      std::snprintf(label, sizeof(label), "%.3g", x);
+    }
+    for (double x = x_step * std::ceil(x0 / x_step - 1e-9); x <= x1 + 1e-9 * x_step; x += x_step) {
+      cv::line(image, at(x, low), at(x, high), grey);
+      std::snprintf(label, sizeof(label), "%.4g", std::abs(x) < 1e-9 * x_step ? 0.0 : x);
       text(label, at(x, low) + cv::Point(-8, 15), black, 0.35);
     }
     cv::line(image, at(x0, low), at(x1, low), black);
@@ -65,7 +79,7 @@ inline void draw_charts(const std::vector<LineChart>& charts, const std::filesys
                  colours[s % colours.size()], 2, cv::LINE_AA);
       }
       text(series.name,
-           {offset + kLeft + 5 + 110 * static_cast<int>(s % 3), 30 + 12 * static_cast<int>(s / 3)},
+           {offset + kLeft + 5 + 160 * static_cast<int>(s % 2), 32 + 14 * static_cast<int>(s / 2)},
            colours[s % colours.size()]);
     }
   }
