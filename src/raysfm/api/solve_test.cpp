@@ -75,7 +75,8 @@ TEST_F(SolveTest, FixedLensAndFilesThatAgreeWithEachOther) {
   EXPECT_NEAR(result->frames[0].lens.fx, 1000, 5);
   const fs::path out = folder_ / "out";
   ASSERT_TRUE(write_solve_output(*result, settings, "0", out).ok());
-  for (const char* name : {"trajectory.txt", "points.ply", "lens.csv", "config.yaml", "report.json"}) {
+  for (const char* name : {"trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "lens.csv",
+                           "lens.png", "config.yaml", "report.json"}) {
     EXPECT_TRUE(fs::is_regular_file(out / name)) << name;
   }
   // The model stands alone: its cameras, poses and points give its keypoints.
