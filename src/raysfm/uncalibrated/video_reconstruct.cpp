@@ -107,7 +107,7 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
   Result<UncalibratedReconstruction> best =
       no_reconstruction("start: no stretch of the video determines one");
   double least = INFINITY;
-  for (int s = 0; s < starts && least > kSureFocal && !control.stopped(); ++s) {
+  for (int s = 0; s < starts && least > kSureFocal && (s == 0 || !control.stopped()); ++s) {
     const int first = starts > 1 ? (count - length) * s / (starts - 1) : 0;
     const Stretch stretch = cut(tracks, std::span(keyframes).subspan(first, length));
     const auto part = reconstruct(stretch.tracks, options);
