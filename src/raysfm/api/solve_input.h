@@ -21,7 +21,7 @@ struct SolveInput {
   std::vector<std::array<uint8_t, 3>> rgb;  // of the points; empty: unknown
   std::vector<Eigen::Vector3d> structure;   // known positions of the points; empty: unknown
   std::vector<std::pair<std::string, StageTiming>> stages;  // of reading, where they are told apart
-  bool interrupted = false;                 // ends where the caller asked to stop
+  bool interrupted = false;                                 // ends where the caller asked to stop
 
   // Images of different sizes are centred in one as large as the largest: what its pixels are ahead of those
   // of the image.
