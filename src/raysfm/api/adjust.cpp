@@ -1,15 +1,14 @@
 #include "raysfm/api/adjust.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
 #include <system_error>
-#include <thread>
 
 #include "raysfm/api/adjust_model.h"
 #include "raysfm/core/memory.h"
+#include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 
 namespace raysfm {
@@ -17,12 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxThreads = 1024;
 constexpr int kMaxIterations = 1000000;
-
-void tell(const EventSink& event, Event::Level level, const std::string& message) {
-  if (event) event({level, message});
-}
 
 RobustLoss::Kind loss_kind(const std::string& name) {
   if (name == "huber") return RobustLoss::Kind::kHuber;
@@ -36,15 +30,8 @@ BundleMethod method_of(const std::string& name) {
 }
 
 Result<void> validate(AdjustSettings settings) {
-  for (const SettingField& field : setting_fields(settings)) {
-    const auto* const* text = std::get_if<std::string*>(&field.value);
-    if (!text || std::ranges::find(field.allowed, **text) != field.allowed.end()) continue;
-    return bad_input(
-        fmt::format("--{} = '{}': must be one of {}", field.name, **text, fmt::join(field.allowed, ", ")));
-  }
-  if (settings.threads < 0 || settings.threads > kMaxThreads) {
-    return bad_input(fmt::format("--threads = {}: must be 0 to {}", settings.threads, kMaxThreads));
-  }
+  if (auto r = check_allowed(setting_fields(settings)); !r) return r.error();
+  if (auto r = check_threads(settings.threads); !r) return r.error();
   if (settings.max_iterations < 1 || settings.max_iterations > kMaxIterations) {
     return bad_input(
         fmt::format("--max-iterations = {}: must be 1 to {}", settings.max_iterations, kMaxIterations));
@@ -62,8 +49,7 @@ AdjustTask task_of(const AdjustSettings& settings, const AdjustCallbacks& callba
   BundleOptions& options = task.options.bundle;
   options.loss = {loss_kind(settings.loss), settings.loss_scale};
   options.max_iterations = settings.max_iterations;
-  options.threads =
-      settings.threads > 0 ? settings.threads : std::max(1u, std::thread::hardware_concurrency());
+  options.threads = thread_count(settings.threads);
   options.progress = [&callbacks](const IterationInfo& info) {
     if (callbacks.progress) callbacks.progress(info);
     return !callbacks.stop || !callbacks.stop->load();

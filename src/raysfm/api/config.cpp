@@ -74,6 +74,23 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
   };
 }
 
+Result<void> check_allowed(const std::vector<SettingField>& fields) {
+  for (const SettingField& field : fields) {
+    const auto* const* text = std::get_if<std::string*>(&field.value);
+    if (!text || field.allowed.empty()) continue;
+    if (std::ranges::find(field.allowed, **text) != field.allowed.end()) continue;
+    return bad_input(
+        fmt::format("--{} = '{}': must be one of {}", field.name, **text, fmt::join(field.allowed, ", ")));
+  }
+  return {};
+}
+
+Result<void> check_threads(int threads) {
+  constexpr int kMaxThreads = 1024;
+  if (threads >= 0 && threads <= kMaxThreads) return {};
+  return bad_input(fmt::format("--threads = {}: must be 0 to {}", threads, kMaxThreads));
+}
+
 Result<void> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
                          const std::set<std::string>& given) {
   std::error_code error;

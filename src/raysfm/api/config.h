@@ -23,6 +23,12 @@ struct SettingField {
 // All settings of `track` but its inputs and its output folder. The fields point into `settings`.
 std::vector<SettingField> setting_fields(TrackSettings& settings);
 
+// Bad input that names the first string among the fields that is not allowed.
+Result<void> check_allowed(const std::vector<SettingField>& fields);
+
+// Bad input for a number of threads that is none; 0 stands for as many as the machine has.
+Result<void> check_threads(int threads);
+
 // Sets the fields that the YAML file names and `given` does not hold (what the command line said wins). Keys
 // that config.yaml of an output folder holds beside the settings are passed over. Errors: bad input naming
 // file, key, value and what is allowed.

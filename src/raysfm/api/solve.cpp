@@ -1,17 +1,16 @@
 #include "raysfm/api/solve.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 #include <utility>
 
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/memory.h"
+#include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/tracks_file.h"
 #include "raysfm/robust/absolute_pose.h"
@@ -22,25 +21,12 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMaxThreads = 1024;
 constexpr int kMaxFeatures = 100000;
 constexpr double kGoodShare = 0.8;  // of the images, with a pose
 
-void tell(const EventSink& event, Event::Level level, const std::string& message) {
-  if (event) event({level, message});
-}
-
 Result<void> validate(SolveSettings settings) {
-  for (const SettingField& field : setting_fields(settings)) {
-    const auto* const* text = std::get_if<std::string*>(&field.value);
-    if (!text || field.allowed.empty()) continue;
-    if (std::ranges::find(field.allowed, **text) != field.allowed.end()) continue;
-    return bad_input(
-        fmt::format("--{} = '{}': must be one of {}", field.name, **text, fmt::join(field.allowed, ", ")));
-  }
-  if (settings.threads < 0 || settings.threads > kMaxThreads) {
-    return bad_input(fmt::format("--threads = {}: must be 0 to {}", settings.threads, kMaxThreads));
-  }
+  if (auto r = check_allowed(setting_fields(settings)); !r) return r.error();
+  if (auto r = check_threads(settings.threads); !r) return r.error();
   if (settings.features < 1 || settings.features > kMaxFeatures) {
     return bad_input(fmt::format("--features = {}: must be 1 to {}", settings.features, kMaxFeatures));
   }
@@ -52,11 +38,6 @@ Result<void> validate(SolveSettings settings) {
     return bad_input(fmt::format("--max-error = {}: must be above 0, in pixels", settings.max_error));
   }
   return {};
-}
-
-int threads_of(const SolveSettings& settings) {
-  return settings.threads > 0 ? settings.threads
-                              : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
 SolveOptions options_of(const SolveSettings& settings) {
@@ -151,8 +132,10 @@ Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, co
   if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
     return reconstruct(input.tracks, options);
   }
-  VideoOptions video{
-      .radial = radial_of(settings), .threads = threads_of(settings), .progress = {}, .stop = callbacks.stop};
+  VideoOptions video{.radial = radial_of(settings),
+                     .threads = thread_count(settings.threads),
+                     .progress = {},
+                     .stop = callbacks.stop};
   if (callbacks.progress) {
     video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }

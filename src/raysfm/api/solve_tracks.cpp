@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <thread>
 
 #include "raysfm/api/view_stream.h"
+#include "raysfm/core/thread_pool.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
 
@@ -137,8 +137,7 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }
-  const int threads =
-      settings.threads > 0 ? settings.threads : static_cast<int>(std::thread::hardware_concurrency());
+  const int threads = thread_count(settings.threads);
   input->streams.resize(1);
   ViewStream stream(input->streams, {camera}, threads);
   TrackJoiner joiner;

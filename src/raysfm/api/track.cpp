@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <thread>
 
 #include "raysfm/api/sight_mask.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/core/memory.h"
+#include "raysfm/core/thread_pool.h"
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
@@ -18,7 +18,6 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMaxThreads = 1024;
 // No frame with fewer corners is ever posed.
 constexpr int kMinCorners = 20;
 
@@ -28,10 +27,6 @@ struct Sources {
   Rig rig;
   std::vector<GrayImage> masks;  // by camera; empty: it sees the scene everywhere
 };
-
-void tell(const EventSink& event, Event::Level level, const std::string& message) {
-  if (event && !message.empty()) event({level, message});
-}
 
 Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSink& event) {
   if (settings.camera.empty()) {
@@ -74,9 +69,7 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
 }
 
 Result<Sources> open_sources(const TrackSettings& settings, const EventSink& event) {
-  if (settings.threads < 0 || settings.threads > kMaxThreads) {
-    return bad_input(fmt::format("--threads = {}: must be 0 to {}", settings.threads, kMaxThreads));
-  }
+  if (auto r = check_threads(settings.threads); !r) return r.error();
   if (auto r = validate(settings.odometry); !r) return r.error();
   Result<Input> input = open_input(settings.inputs, {settings.fps, settings.mono, !settings.camera.empty()});
   if (!input) return input.error();
@@ -173,8 +166,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }
-  const int threads =
-      settings.threads > 0 ? settings.threads : static_cast<int>(std::thread::hardware_concurrency());
+  const int threads = thread_count(settings.threads);
   ViewStream stream(sources->input.streams, camera_inputs(*sources, settings), threads);
   FrameSource& source = *sources->input.streams[0];
 

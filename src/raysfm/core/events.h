@@ -14,4 +14,9 @@ struct Event {
 
 using EventSink = std::function<void(const Event&)>;
 
+// Where somebody listens and there is something to say.
+inline void tell(const EventSink& event, Event::Level level, const std::string& message) {
+  if (event && !message.empty()) event({level, message});
+}
+
 }  // namespace raysfm

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <condition_variable>
 #include <functional>
 #include <future>
@@ -10,6 +11,11 @@
 #include <vector>
 
 namespace raysfm {
+
+// Threads to work with where `wanted` are asked for; 0: as many as the machine has.
+inline int thread_count(int wanted) {
+  return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
 
 // Fixed set of worker threads. With zero workers, work runs in the calling thread, so one code path serves
 // any number of threads and results cannot depend on it.
