@@ -11,8 +11,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kRounds = 5;              // of adjustment and judgement
-constexpr double kMaxFocalSigma = 0.3;  // of the focal length, of a lens that is determined
+constexpr int kRounds = 5;                   // of adjustment and judgement
+constexpr double kMaxKnownFocalSigma = 0.3;  // of the focal length, of a lens that is determined
 
 struct KnownSolution {
   UncalibratedReconstruction found;
@@ -117,7 +117,7 @@ void finish(const PointTracks& tracks, KnownSolution* solution) {
   int posed = 0, determined = 0;
   for (int j = 0; j < tracks.image_count; ++j) {
     posed += r.image_posed[j];
-    determined += r.image_posed[j] && r.lens_sigma[j][0] < kMaxFocalSigma * r.scene.lenses[j].fx;
+    determined += r.image_posed[j] && r.lens_sigma[j][0] < kMaxKnownFocalSigma * r.scene.lenses[j].fx;
   }
   if (2 * determined <= posed) r.degenerate = "known points at one depth";
 }

@@ -18,7 +18,7 @@ constexpr int kMinNew = 4;
 constexpr double kModelError = 0.005;
 constexpr int kGroups = 10;                       // of the jackknife
 constexpr double kMorePoints = 1.3;               // than at the last failure: an image is tried again
-constexpr double kMinParallax = 0.02;             // radians, of a point that is placed
+constexpr double kMinStepParallax = 0.02;         // radians, of a point that is placed
 constexpr double kKeyframePrincipalPoint = 0.01;  // standard deviations, as shares of the image's larger side
 constexpr double kBetweenPrincipalPoint = 0.003;
 
@@ -135,7 +135,7 @@ bool VideoGrowth::place(int point) {
         {world_from_cam.translation, (world_from_cam.rotation * Eigen::Vector3d(x, y, 1)).normalized()});
   }
   Triangulation found;
-  if (rays.size() < 2 || !triangulate(rays, &found) || found.parallax < kMinParallax) return false;
+  if (rays.size() < 2 || !triangulate(rays, &found) || found.parallax < kMinStepParallax) return false;
   for (const int k : of_point_[point]) {
     const int image = tracks_.image[k];
     if (!result_.image_posed[image]) continue;
