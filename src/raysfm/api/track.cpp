@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "raysfm/api/config.h"
 #include "raysfm/api/sight_mask.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_class.h"
