@@ -9,6 +9,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
@@ -258,34 +259,57 @@ void moment_errors(int samples, uint64_t seed, int points, double noise, Spread*
   }
 }
 
+using Spreads = std::array<Spread, 5>;
+constexpr std::array<const char*, 5> kEntriesOfQ = {"q11", "q12", "q13", "q22", "q23"};
+constexpr std::array<const char*, 5> kNumbersOfK = {"f", "aspect", "skew angle", "u0", "v0"};
+
+void print_spreads(const char* x_title, const std::array<const char*, 5>& names, const std::vector<double>& x,
+                   const std::vector<Spreads>& rows) {
+  std::printf("\n| %s |", x_title);
+  for (const char* name : names) std::printf(" %s |", name);
+  std::printf("\n|---|---|---|---|---|---|\n");
+  for (size_t i = 0; i < x.size(); ++i) {
+    std::printf("| %g |", x[i]);
+    for (const Spread& s : rows[i]) std::printf(" %+.2f ± %.2f |", 100 * s.mean(), 100 * s.deviation());
+    std::printf("\n");
+  }
+}
+
+LineChart spread_chart(const char* x_title, const char* y_title, const std::array<const char*, 5>& names,
+                       const std::vector<double>& x, const std::vector<Spreads>& rows,
+                       double (Spread::*value)() const) {
+  LineChart chart{x_title, y_title, x, {}};
+  for (size_t n = 0; n < names.size(); ++n) {
+    chart.series.push_back({names[n], {}});
+    for (const Spreads& row : rows) chart.series.back().y.push_back(100 * (row[n].*value)());
+  }
+  return chart;
+}
+
 void figures_2_to_4(const Settings& settings) {
   const int samples = 10 * settings.trials;
-  const auto row = [&](double x, const Spread* s) {
-    std::printf("| %g |", x);
-    for (int i = 0; i < 5; ++i) std::printf(" %+.2f ± %.2f |", 100 * s[i].mean(), 100 * s[i].deviation());
-    std::printf("\n");
-  };
-  std::printf(
-      "\n### Figures 2 and 3: Q = T_p and K over noise, 100 points, relative errors in %%\n\n"
-      "| noise px | q11 | q12 | q13 | q22 | q23 |\n|---|---|---|---|---|---|\n");
-  std::vector<std::vector<Spread>> lenses;
   const std::vector<double> noises = {0, 0.5, 1, 1.5, 2, 2.5, 3};
-  for (const double noise : noises) {
-    Spread q[5];
-    lenses.emplace_back(5);
-    moment_errors(samples, settings.seed, 100, noise, q, lenses.back().data());
-    row(noise, q);
+  const std::vector<double> numbers = {10, 20, 30, 40, 50, 60, 70, 80, 90, 100};
+  std::vector<Spreads> q(noises.size()), k(noises.size()), k_of_number(numbers.size());
+  for (size_t i = 0; i < noises.size(); ++i)
+    moment_errors(samples, settings.seed, 100, noises[i], q[i].data(), k[i].data());
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    Spreads unused;
+    moment_errors(samples, settings.seed, static_cast<int>(numbers[i]), 1, unused.data(),
+                  k_of_number[i].data());
   }
-  std::printf("\n| noise px | f | aspect | skew angle | u0 | v0 |\n|---|---|---|---|---|---|\n");
-  for (size_t i = 0; i < noises.size(); ++i) row(noises[i], lenses[i].data());
-  std::printf(
-      "\n### Figure 4: K over the number of points, 1 px of noise, relative errors in %%\n\n"
-      "| points | f | aspect | skew angle | u0 | v0 |\n|---|---|---|---|---|---|\n");
-  for (int points = 10; points <= 100; points += 10) {
-    Spread q[5], k[5];
-    moment_errors(samples, settings.seed, points, 1, q, k);
-    row(points, k);
-  }
+  std::printf("\n### Figures 2 and 3: Q = T_p and K over noise, 100 points, relative errors in %%\n");
+  print_spreads("noise px", kEntriesOfQ, noises, q);
+  print_spreads("noise px", kNumbersOfK, noises, k);
+  std::printf("\n### Figure 4: K over the number of points, 1 px of noise, relative errors in %%\n");
+  print_spreads("points", kNumbersOfK, numbers, k_of_number);
+  if (settings.plots.empty()) return;
+  draw_charts(
+      {spread_chart("noise, px", "std of Q, %", kEntriesOfQ, noises, q, &Spread::deviation),
+       spread_chart("noise, px", "std of K, %", kNumbersOfK, noises, k, &Spread::deviation),
+       spread_chart("noise, px", "mean error of K, %", kNumbersOfK, noises, k, &Spread::mean),
+       spread_chart("points", "std of K at 1 px, %", kNumbersOfK, numbers, k_of_number, &Spread::deviation)},
+      settings.plots + "/ifba_moments.png");
 }
 
 // Figures 12 and 13: eight zooming cameras on an object that turns (share 1 - k) and moves away (share k)
