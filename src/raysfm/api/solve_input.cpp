@@ -64,9 +64,10 @@ Result<void> keep_known(const SolveSettings& settings, const std::vector<std::st
     return bad_input(fmt::format("--structure = '{}': has none of the points of {}, '{}' for one",
                                  settings.structure, settings.input, shown(points[0])));
   }
-  if (missing > 0 && event) {
-    event({Event::Level::kWarning, fmt::format("{} of {} points are not in {} and are left out", missing,
-                                               points.size(), settings.structure)});
+  if (missing > 0) {
+    tell(event, Event::Level::kWarning,
+         fmt::format("{} of {} points are not in {} and are left out", missing, points.size(),
+                     settings.structure));
   }
   PointTracks kept{.image_count = input->tracks.image_count,
                    .point_count = static_cast<int>(input->structure.size()),
@@ -115,12 +116,9 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCa
       return bad_input(fmt::format("{}: the pixels do not tell the size of the images; give it with --size",
                                    settings.input));
     }
-    if (callbacks.event) {
-      callbacks.event(
-          {Event::Level::kWarning,
-           fmt::format("the images are taken to be {}x{}, as the tracks suggest; --size says it for sure",
-                       size.x(), size.y())});
-    }
+    tell(callbacks.event, Event::Level::kWarning,
+         fmt::format("the images are taken to be {}x{}, as the tracks suggest; --size says it for sure",
+                     size.x(), size.y()));
   }
   SolveInput input;
   input.tracks = {.image_count = static_cast<int>(file->images.size()),

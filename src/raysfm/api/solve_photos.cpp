@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "raysfm/api/solve_tracks.h"
+#include "raysfm/core/median.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/photo_features.h"
 #include "raysfm/uncalibrated/view_pair.h"
@@ -120,10 +121,6 @@ void collect_tracks(const Photos& photos, Merger* merger, SolveInput* input) {
   }
 }
 
-void tell(const SolveCallbacks& callbacks, const std::string& message) {
-  if (callbacks.event) callbacks.event({Event::Level::kInfo, message});
-}
-
 // Matches that one shift of the image explains.
 int count_still(const PairMatches& matches, double max_error) {
   std::vector<double> u, v;
@@ -132,10 +129,7 @@ int count_still(const PairMatches& matches, double max_error) {
     v.push_back(matches.b[i].y() - matches.a[i].y());
   }
   if (u.empty()) return 0;
-  const auto middle = static_cast<ptrdiff_t>(u.size() / 2);
-  std::nth_element(u.begin(), u.begin() + middle, u.end());
-  std::nth_element(v.begin(), v.begin() + middle, v.end());
-  const Eigen::Vector2d shift(u[middle], v[middle]);
+  const Eigen::Vector2d shift(median_of(&u), median_of(&v));
   int count = 0;
   for (size_t i = 0; i < matches.a.size(); ++i) {
     count += (matches.b[i] - matches.a[i] - shift).norm() < max_error;
@@ -186,7 +180,7 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
   if (!video) {
     const std::string why = differing_sizes(settings);
     if (why.empty()) return video;
-    tell(callbacks, kPhotos + why);
+    tell(callbacks.event, Event::Level::kInfo, kPhotos + why);
     return tracks_from_photos(settings, callbacks);
   }
   if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxPhotos) {
@@ -196,8 +190,9 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
   const int images = video->tracks.image_count;
   // A long video may have its breaks.
   if (poor > 0 && (images <= kFewImages || 4 * poor >= images)) {
-    tell(callbacks, fmt::format("{}{} of {} have fewer than {} corners that agree with the image before",
-                                kPhotos, poor, images, kMinAgreeing));
+    tell(callbacks.event, Event::Level::kInfo,
+         fmt::format("{}{} of {} have fewer than {} corners that agree with the image before", kPhotos, poor,
+                     images, kMinAgreeing));
     return tracks_from_photos(settings, callbacks);
   }
   return video;

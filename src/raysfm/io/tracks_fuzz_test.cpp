@@ -9,6 +9,7 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/io/tracks_file.h"
+#include "support/damage.h"
 #include "support/temporary_folder.h"
 
 namespace raysfm {
@@ -48,36 +49,11 @@ void expect_structure_or_line(const std::filesystem::path& path) {
   for (const Eigen::Vector3d& x : file->positions) ASSERT_TRUE(x.allFinite());
 }
 
-std::string damaged(std::string text, Rng& random) {
-  using namespace std::string_literals;
-  static const std::string pieces[] = {
-      ",",   "\n",    "-1",   "nan",      "inf", "1e999", "99999999999999999999",
-      "0x1", "#",     "\r\n", "\0"s,      "",    "1e6",   "-9223372036854775808",
-      ",,",  "point", "\x1b", "\xff\xfe", " ",   "1e-300"};
-  for (uint32_t change = 1 + random.index(3); change > 0 && !text.empty(); --change) {
-    const size_t at = random.index(static_cast<uint32_t>(text.size()));
-    const size_t length = std::min<size_t>(1 + random.index(20), text.size() - at);
-    const std::string& piece = pieces[random.index(std::size(pieces))];
-    switch (random.index(5)) {
-      case 0:
-        text[at] = static_cast<char>(random.index(256));
-        break;
-      case 1:
-        text.erase(at, length);
-        break;
-      case 2:
-        text.insert(at, text.substr(at, length));
-        break;
-      case 3:
-        text.insert(at, piece);
-        break;
-      default:
-        text.replace(at, length, piece);
-        break;
-    }
-  }
-  return text;
-}
+// Pieces that have a meaning in these formats.
+using namespace std::string_literals;
+const std::string kPieces[] = {",",   "\n",    "-1",   "nan",      "inf", "1e999", "99999999999999999999",
+                               "0x1", "#",     "\r\n", "\0"s,      "",    "1e6",   "-9223372036854775808",
+                               ",,",  "point", "\x1b", "\xff\xfe", " ",   "1e-300"};
 
 TEST(TracksFuzz, DamagedFiles) {
   const testing_support::TemporaryFolder folder;
@@ -86,9 +62,9 @@ TEST(TracksFuzz, DamagedFiles) {
   for (int i = 0; i < 4000; ++i) {
     const bool tracks = i % 2 == 0;
     const std::string broken =
-        damaged(tracks ? "image,point,u,v\n0,a,1.5,2\n# c\n0,b,3,-4\n1,a,5,6\n10,b,7e1,8\n"
-                       : "point,x,y,z\na,1,2,3\nb,-1.5,0,1e3\n7,0,0,0\n",
-                random);
+        testing_support::damaged(tracks ? "image,point,u,v\n0,a,1.5,2\n# c\n0,b,3,-4\n1,a,5,6\n10,b,7e1,8\n"
+                                        : "point,x,y,z\na,1,2,3\nb,-1.5,0,1e3\n7,0,0,0\n",
+                                 kPieces, random);
     std::ofstream(path, std::ios::binary) << broken;
     tracks ? expect_tracks_or_line(path) : expect_structure_or_line(path);
     ASSERT_FALSE(HasFatalFailure()) << broken;

@@ -94,8 +94,7 @@ double doubt(const UncalibratedReconstruction& start) {
     sigmas.push_back(std::min(1e3, sigma / start.scene.lenses[j].fx));
   }
   if (posed < 3) return INFINITY;
-  std::ranges::nth_element(sigmas, sigmas.begin() + posed / 2);
-  return sigmas[posed / 2] * double(start.image_posed.size()) / posed;
+  return median_of(&sigmas) * double(start.image_posed.size()) / posed;
 }
 
 // The best of a few stretches of key frames.
