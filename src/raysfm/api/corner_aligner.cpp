@@ -45,15 +45,27 @@ struct Cells {
   int row(const Eigen::Vector2f& p) const { return std::clamp(int(p.y() / size.y()), 0, kRows - 1); }
 };
 
+PatchAlignment align_in(int octave, const Octaves& base, const Eigen::Vector2f& in_base,
+                        const Eigen::Matrix2f& base_from_target, const Octaves& target,
+                        const Eigen::Vector2f& start) {
+  const Eigen::Vector2f from = into_octave(in_base, octave), to = into_octave(start, octave);
+  PatchAlignment aligned;
+  PatchAligner(kAlignment)
+      .align(base.at(octave), std::span(&from, 1), std::span(&base_from_target, 1), target.at(octave),
+             std::span(&to, 1), std::span(&aligned, 1));
+  aligned.pixel = out_of_octave(aligned.pixel, octave);
+  return aligned;
+}
+
 }  // namespace
 
-void CornerAligner::deform(const GrayView& base, std::span<const Eigen::Vector2f> in_base,
+void CornerAligner::deform(int width, int height, std::span<const Eigen::Vector2f> in_base,
                            std::span<const Eigen::Vector2f> in_target) {
-  const Cells cells{{float(base.width) / kColumns, float(base.height) / kRows}};
+  const Cells cells{{float(width) / kColumns, float(height) / kRows}};
   std::vector<Moments> own(kColumns * kRows);
   for (size_t i = 0; i < in_base.size(); ++i) {
     // About the centre of the image, so that the sums keep their digits.
-    const Eigen::Vector2f centre(0.5f * float(base.width), 0.5f * float(base.height));
+    const Eigen::Vector2f centre(0.5f * float(width), 0.5f * float(height));
     own[cells.row(in_base[i]) * kColumns + cells.column(in_base[i])].add(in_base[i] - centre,
                                                                          in_target[i] - centre);
   }
@@ -74,12 +86,22 @@ void CornerAligner::deform(const GrayView& base, std::span<const Eigen::Vector2f
   }
 }
 
-void CornerAligner::align(const GrayView& base, std::span<const Eigen::Vector2f> in_base,
-                          const GrayView& target, std::span<const Eigen::Vector2f> in_target,
+void CornerAligner::align(const Octaves& base, std::span<const Eigen::Vector2f> in_base,
+                          const Octaves& target, std::span<const Eigen::Vector2f> in_target,
+                          std::span<const uint8_t> octaves, int width, int height,
                           std::vector<PatchAlignment>* out) {
-  deform(base, in_base, in_target);
+  deform(width, height, in_base, in_target);
+  const int finest = std::max(base.first(), target.first());
   out->resize(in_base.size());
-  PatchAligner(kAlignment).align(base, in_base, base_from_target_, target, in_target, *out);
+  for (size_t i = 0; i < in_base.size(); ++i) {
+    PatchAlignment& best = (*out)[i];
+    best = {in_target[i], 0, false};
+    for (int o = std::max<int>(finest, base.clamp(octaves[i])); o >= finest; --o) {
+      const PatchAlignment aligned = align_in(o, base, in_base[i], base_from_target_[i], target, best.pixel);
+      if (!aligned.converged) break;
+      best = aligned;
+    }
+  }
 }
 
 }  // namespace raysfm

@@ -44,7 +44,7 @@ void keep_seen_twice(SolveInput* input) {
 bool TrackJoiner::keyframe_needed(int matched) const {
   const PairTracker& newest = followed_.front().tracker;
   const CameraView& base = newest.base();
-  return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.image.width()) ||
+  return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.width) ||
          matched < kKeyframeShare * base.features.size();
 }
 
@@ -71,7 +71,7 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
 void TrackJoiner::follow(const Followed& followed, const CameraView& camera,
                          std::vector<Sighting>* sightings) {
   const std::vector<int>& matches = followed.tracker.matches(followed.tracker.views() - 1);
-  matched_.clear(), in_base_.clear(), in_frame_.clear();
+  matched_.clear(), in_base_.clear(), in_frame_.clear(), octaves_.clear();
   for (size_t i = 0; i < matches.size(); ++i) {
     // What the newer key frame says of a corner or a track counts.
     if (matches[i] < 0 || (*sightings)[matches[i]].track >= 0) continue;
@@ -79,8 +79,10 @@ void TrackJoiner::follow(const Followed& followed, const CameraView& camera,
     matched_.push_back(static_cast<int>(i));
     in_base_.push_back(followed.place[i]);
     in_frame_.push_back(camera.features.pixels[matches[i]]);
+    octaves_.push_back(camera.features.octaves[matches[i]]);
   }
-  aligner_.align(followed.tracker.base().image.view(), in_base_, camera.image.view(), in_frame_, &aligned_);
+  aligner_.align(*followed.tracker.base().octaves, in_base_, *camera.octaves, in_frame_, octaves_,
+                 camera.width, camera.height, &aligned_);
   for (size_t k = 0; k < matched_.size(); ++k) {
     if (!aligned_[k].converged) continue;
     const int track = followed.track[matched_[k]];
@@ -95,7 +97,7 @@ void TrackJoiner::add(const ViewPtr& view) {
   input_.timestamps.push_back(view->timestamp);
   input_.names.push_back(view->name);
   input_.keyframe.push_back(0);
-  input_.tracks.image_size = {camera.image.width(), camera.image.height()};
+  input_.tracks.image_size = {camera.width, camera.height};
   std::vector<Sighting> sightings(camera.features.size());
   int matched_with_newest = 0;
   for (Followed& followed : followed_) {

@@ -43,6 +43,7 @@ class TrackJoiner {
   CornerAligner aligner_;
   std::vector<int> matched_;  // corners of the base
   std::vector<Eigen::Vector2f> in_base_, in_frame_;
+  std::vector<uint8_t> octaves_;  // of in_frame_
   std::vector<PatchAlignment> aligned_;
 };
 

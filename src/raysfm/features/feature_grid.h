@@ -9,10 +9,13 @@ namespace raysfm {
 // Pixels in square cells, to find those near a place (LBA09 2.1: the region of interest).
 class FeatureGrid {
  public:
-  static constexpr int kCellShift = 4;  // cells of 16 x 16 pixels
-
-  // width, height: of the image, > 0. Pixels outside it are filed under the nearest cell.
-  void build(std::span<const Eigen::Vector2f> pixels, int width, int height);
+  // Pixels [begin, end) of `pixels`, in cells of 16 x 16 pixels of an octave. width, height: of the image,
+  // > 0. Pixels outside it are filed under the nearest cell.
+  void build(std::span<const Eigen::Vector2f> pixels, int begin, int end, int width, int height,
+             int octave = 0);
+  void build(std::span<const Eigen::Vector2f> pixels, int width, int height) {
+    build(pixels, 0, static_cast<int>(pixels.size()), width, height);
+  }
 
   int size() const { return size_; }
 
@@ -53,6 +56,7 @@ class FeatureGrid {
   };
   Range cells_in(const Eigen::Vector2f& center, float radius) const;
 
+  int cell_shift_ = 4;  // of the side of a cell
   int columns_ = 0;
   int rows_ = 0;
   int size_ = 0;

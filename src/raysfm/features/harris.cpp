@@ -7,6 +7,7 @@
 
 #include "raysfm/features/corner_selection.h"
 #include "raysfm/features/harris_rows.h"
+#include "raysfm/features/octaves.h"
 
 namespace raysfm {
 namespace {
@@ -35,11 +36,11 @@ float parabola_peak(float a, float b, float c) {
   return curvature < 0 ? std::clamp(0.5f * (a - c) / curvature, -0.5f, 0.5f) : 0.0f;
 }
 
-bool sees_the_scene(const GrayView& mask, int x, int y) {
+bool sees_the_scene(const GrayView& mask, int octave, int x, int y) {
   for (int dy = -kMaskReach; dy <= kMaskReach; dy += kMaskReach) {
     for (int dx = -kMaskReach; dx <= kMaskReach; dx += kMaskReach) {
-      const int u = std::clamp(x + dx, 0, mask.width - 1);
-      const int v = std::clamp(y + dy, 0, mask.height - 1);
+      const int u = std::clamp((x + dx) << octave, 0, mask.width - 1);
+      const int v = std::clamp((y + dy) << octave, 0, mask.height - 1);
       if (mask(u, v) != 255) return false;
     }
   }
@@ -89,7 +90,7 @@ struct HarrisDetector::Scratch {
     const int count = find_maxima(rows.data(), border, width - border, options.min_score, columns.data());
     for (int i = 0; i < count; ++i) {
       const int x = columns[i];
-      if (!options.mask.empty() && !sees_the_scene(options.mask, x, y)) continue;
+      if (!options.mask.empty() && !sees_the_scene(options.mask, options.octave, x, y)) continue;
       const float centre = rows[2][x];
       const float dx = parabola_peak(rows[2][x - 1], centre, rows[2][x + 1]);
       const float dy = parabola_peak(rows[1][x], centre, rows[3][x]);
@@ -122,8 +123,9 @@ void HarrisDetector::detect(const GrayView& image, const HarrisOptions& options,
   }
   s.selector.select(image.width, image.height, options.max_features, options.spread, &s.corners);
   for (const Corner& c : s.corners) {
-    features->pixels.emplace_back(c.x, c.y);
+    features->pixels.push_back(out_of_octave({c.x, c.y}, options.octave));
     features->scores.push_back(c.score);
+    features->octaves.push_back(static_cast<uint8_t>(options.octave));
   }
 }
 

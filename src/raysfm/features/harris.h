@@ -17,7 +17,8 @@ struct HarrisOptions {
   // Smallest part of the features that a cell of the grid may claim, whatever its contrast; the rest goes to
   // the strongest responses anywhere. In [0, 1].
   float spread = 0.4f;
-  GrayView mask{};  // same size as the image: 255 where a pixel sees the scene; empty: everywhere
+  int octave = 0;   // of the image (octaves.h); the features are at pixels of octave 0
+  GrayView mask{};  // of the size of octave 0: 255 where a pixel sees the scene; empty: everywhere
 };
 
 // Harris corners (LBA09 2.1; Harris and Stephens 1988), strongest of each grid cell first. The result depends

@@ -11,6 +11,7 @@ namespace raysfm {
 struct AcrossMatch {
   int feature = 0;  // of the key frame
   int camera = 0;
+  int octave = 0;
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
@@ -19,21 +20,22 @@ struct AcrossMatch {
 // one that looks alike, and meet the line. Owns scratch memory.
 class AcrossMatcher {
  public:
-  // `features` of the key frame view, each at most once in each other camera.
-  void match(const TrackingRig& rig, const KeyFrameView& view, std::span<const int> features,
-             std::vector<AcrossMatch>* matches);
+  // `features` of the key frame view that was made of `view`, each at most once in each other camera.
+  void match(const TrackingRig& rig, const KeyFrameView& keyframe, const View& view,
+             std::span<const int> features, std::vector<AcrossMatch>* matches);
 
  private:
-  void collect_queries(const TrackingRig& rig, const KeyFrameView& view, std::span<const int> features,
-                       int from, int to);
+  void collect_queries(const TrackingRig& rig, const KeyFrameView& keyframe, const View& view,
+                       std::span<const int> features, int from, int to);
   void keep_unambiguous();
-  void align(const TrackingRig& rig, const KeyFrameView& view, std::vector<AcrossMatch>* matches);
+  void align(const TrackingRig& rig, const KeyFrameView& keyframe, const View& view,
+             std::vector<AcrossMatch>* matches);
 
   GuidedMatcher matcher_;
   std::vector<PatchQuery> queries_, chosen_;
   std::vector<GuidedMatch> found_;
   std::vector<Eigen::Vector2f> starts_;
-  std::vector<PatchAlignment> alignments_;
+  std::vector<AlignedPatch> alignments_;
 };
 
 }  // namespace raysfm

@@ -12,13 +12,14 @@ namespace {
 int matches_across(const TrackingRig& rig, const View& view) {
   MapKeyFrame corners;
   for (int c = 0; c < rig.size(); ++c) {
-    for (const Eigen::Vector2f& pixel : view.cameras[c].features.pixels) corners.add(c, pixel, -1);
+    const Features& features = view.cameras[c].features;
+    for (int i = 0; i < features.size(); ++i) corners.add(c, features.pixels[i], features.octaves[i], -1);
   }
   std::vector<int> all(corners.size());
   std::iota(all.begin(), all.end(), 0);
   std::vector<AcrossMatch> matches;
   const ViewPtr unowned(ViewPtr(), &view);
-  AcrossMatcher().match(rig, make_keyframe_view(unowned, corners, rig), all, &matches);
+  AcrossMatcher().match(rig, make_keyframe_view(unowned, corners, rig), view, all, &matches);
   return static_cast<int>(matches.size());
 }
 

@@ -1,6 +1,7 @@
 #include "raysfm/odometry/guided_matcher.h"
 
-#include <tuple>
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace raysfm {
@@ -10,8 +11,17 @@ namespace {
 constexpr float kRigidPatchTolerance = 0.12f * kPatchRadius;
 constexpr float kMaxAreaRatio = 6.0f;
 
-bool nearly_identity(const Eigen::Matrix2f& warp) {
-  return (warp - Eigen::Matrix2f::Identity()).cwiseAbs().maxCoeff() * kPatchRadius < kRigidPatchTolerance;
+// A patch of the given octave.
+bool nearly_rigid(const Eigen::Matrix2f& warp, int octave) {
+  const float side = octave_side(octave);
+  return (warp - side * Eigen::Matrix2f::Identity()).cwiseAbs().maxCoeff() * kPatchRadius <
+         side * kRigidPatchTolerance;
+}
+
+// The octave of a picture whose pixels are most like those that a warp takes: half a step finer at most.
+int sampled_octave(const Octaves& picture, const Eigen::Matrix2f& warp) {
+  const float area = std::abs(warp.determinant());
+  return picture.clamp(static_cast<int>(std::floor(0.5f * std::log2(std::max(area, 1e-6f)) + 0.42f)));
 }
 
 // Calls f(begin, end) for each run of queries that are equal by `key`.
@@ -36,7 +46,7 @@ void for_each_source(std::span<const KeyFrameView> views, std::span<const PatchQ
 }  // namespace
 
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
-                   int target, const Rigid3& target_from_source, PatchQuery* query) {
+                   int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query) {
   const Eigen::Vector3d point =
       keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
   Eigen::Vector2d pixel;
@@ -46,11 +56,17 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
       projection *
       (target_from_source.rotation.toRotationMatrix() * keyframe.ray_jacobians[feature].cast<double>()) *
       distance;
+  // In pixels of the patch's octave and of the target's.
   const double area = target_from_patch.determinant();
-  if (!(area > 1.0 / kMaxAreaRatio && area < kMaxAreaRatio)) return false;
+  if (!(area > 1e-6 && area < 1e6)) return false;
+  const int octave = keyframe.octaves[feature];
+  const int wanted = octave + static_cast<int>(std::lround(0.5 * std::log2(area)));
+  query->octave = view.clamp_octave(wanted);
+  const double in_octaves = std::ldexp(area, 2 * (octave - query->octave));
+  if (!(in_octaves > 1.0 / kMaxAreaRatio && in_octaves < kMaxAreaRatio)) return false;
   query->camera = target;
   query->predicted = pixel.cast<float>();
-  query->keyframe_from_target = target_from_patch.inverse().cast<float>();
+  query->keyframe_from_target = octave_side(query->octave) * target_from_patch.inverse().cast<float>();
   return true;
 }
 
@@ -58,24 +74,44 @@ void GuidedMatcher::gather_patches(std::span<const KeyFrameView> views, std::spa
   patches_.resize(static_cast<int>(queries.size()));
   for_each_source(views, queries, [&](int begin, int end) {
     const KeyFrameView& view = views[queries[begin].keyframe];
+    const Octaves& picture = *view.camera_view(queries[begin].feature).octaves;
+    const std::vector<GrayView> levels = picture.views();
     warped_query_.clear();
     pixels_.clear();
     warps_.clear();
     for (int i = begin; i < end; ++i) {
       const PatchQuery& q = queries[i];
-      if (nearly_identity(q.keyframe_from_target)) {
+      if (nearly_rigid(q.keyframe_from_target, view.octaves[q.feature])) {
         copy_patch(view.patches, q.feature, i, &patches_);
       } else {
         warped_query_.push_back(i);
-        pixels_.push_back(view.pixels[q.feature]);
-        warps_.push_back(q.keyframe_from_target);
+        pixels_.push_back(into_octave(view.pixels[q.feature], picture.first()));
+        warps_.push_back(q.keyframe_from_target / octave_side(picture.first()));
       }
     }
-    extract_warped_patches(view.camera_view(queries[begin].feature).image.view(), pixels_, warps_, &warped_);
+    extract_warped_patches(levels, pixels_, warps_, &warped_);
     for (size_t k = 0; k < warped_query_.size(); ++k) {
       copy_patch(warped_, static_cast<int>(k), warped_query_[k], &patches_);
     }
   });
+}
+
+// The queries for one image: octave by octave, since patches are alike only in the same one.
+void GuidedMatcher::match_in(std::span<const KeyFrameView> views, const CameraView& target,
+                             std::span<const PatchQuery> queries, int first_query, float min_zncc,
+                             std::vector<GuidedMatch>* matches) {
+  gather_patches(views, queries);
+  pixels_.clear();
+  for (const PatchQuery& q : queries) pixels_.push_back(q.predicted);
+  for (int octave = target.first_octave(); octave <= target.last_octave(); ++octave) {
+    radii_.clear();
+    for (const PatchQuery& q : queries) radii_.push_back(q.octave == octave ? q.radius : 0);
+    matcher_.match(patches_, pixels_, radii_, target.patches, target.features.pixels, target.grid(octave),
+                   {.min_zncc = min_zncc}, &zncc_matches_);
+    for (const ZnccMatch& m : zncc_matches_) {
+      matches->push_back({first_query + m.query, m.train, target.features.pixels[m.train], octave, m.zncc});
+    }
+  }
 }
 
 void GuidedMatcher::match(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
@@ -84,45 +120,50 @@ void GuidedMatcher::match(std::span<const KeyFrameView> views, std::span<const P
   for_each_run(
       queries, [](const PatchQuery& q) { return q.camera; },
       [&](int begin, int end) {
-        const CameraView& image = target.cameras[queries[begin].camera];
-        const std::span<const PatchQuery> part = queries.subspan(begin, end - begin);
-        gather_patches(views, part);
-        pixels_.clear();
-        radii_.clear();
-        for (const PatchQuery& q : part) {
-          pixels_.push_back(q.predicted);
-          radii_.push_back(q.radius);
-        }
-        matcher_.match(patches_, pixels_, radii_, image.patches, image.features.pixels, image.grid,
-                       {.min_zncc = min_zncc}, &zncc_matches_);
-        for (const ZnccMatch& m : zncc_matches_) {
-          matches->push_back({begin + m.query, m.train, image.features.pixels[m.train], m.zncc});
-        }
+        match_in(views, target.cameras[queries[begin].camera], queries.subspan(begin, end - begin), begin,
+                 min_zncc, matches);
       });
+  std::stable_sort(matches->begin(), matches->end(),
+                   [](const GuidedMatch& a, const GuidedMatch& b) { return a.query < b.query; });
+}
+
+// A patch in one octave of the target.
+AlignedPatch GuidedMatcher::align_in(int octave, const Octaves& reference, const Eigen::Vector2f& pixel,
+                                     const Eigen::Matrix2f& reference_from_octave, const Octaves& target,
+                                     const Eigen::Vector2f& start,
+                                     const PatchAlignmentOptions& options) const {
+  const int sampled = sampled_octave(reference, reference_from_octave);
+  const Eigen::Vector2f in_reference = into_octave(pixel, sampled), in_target = into_octave(start, octave);
+  const Eigen::Matrix2f warp = reference_from_octave / octave_side(sampled);
+  AlignedPatch aligned;
+  aligned.octave = octave;
+  PatchAligner(options).align(reference.at(sampled), std::span(&in_reference, 1), std::span(&warp, 1),
+                              target.at(octave), std::span(&in_target, 1),
+                              std::span<PatchAlignment>(static_cast<PatchAlignment*>(&aligned), 1));
+  aligned.pixel = out_of_octave(aligned.pixel, octave);
+  return aligned;
 }
 
 void GuidedMatcher::align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
                           std::span<const Eigen::Vector2f> starts, const View& target,
-                          const PatchAlignmentOptions& options, std::vector<PatchAlignment>* out) {
-  const PatchAligner aligner(options);
+                          const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out) {
   out->resize(queries.size());
-  for_each_run(
-      queries,
-      [&](const PatchQuery& q) {
-        return std::tuple(q.camera, q.keyframe, views[q.keyframe].cameras[q.feature]);
-      },
-      [&](int begin, int end) {
-        const KeyFrameView& view = views[queries[begin].keyframe];
-        pixels_.clear();
-        warps_.clear();
-        for (int i = begin; i < end; ++i) {
-          pixels_.push_back(view.pixels[queries[i].feature]);
-          warps_.push_back(queries[i].keyframe_from_target);
-        }
-        aligner.align(view.camera_view(queries[begin].feature).image.view(), pixels_, warps_,
-                      target.cameras[queries[begin].camera].image.view(), starts.subspan(begin, end - begin),
-                      std::span(*out).subspan(begin, end - begin));
-      });
+  for (size_t i = 0; i < queries.size(); ++i) {
+    const PatchQuery& q = queries[i];
+    const KeyFrameView& view = views[q.keyframe];
+    const Octaves &reference = *view.camera_view(q.feature).octaves,
+                  &picture = *target.cameras[q.camera].octaves;
+    const Eigen::Vector2f pixel = view.pixels[q.feature];
+    AlignedPatch& best = (*out)[i];
+    best = align_in(q.octave, reference, pixel, q.keyframe_from_target, picture, starts[i], options);
+    // What is seen in a coarse octave may have a finer core.
+    Eigen::Matrix2f warp = 0.5f * q.keyframe_from_target;
+    for (int o = q.octave - 1; best.converged && o >= picture.first(); --o, warp *= 0.5f) {
+      const AlignedPatch finer = align_in(o, reference, pixel, warp, picture, best.pixel, options);
+      if (!finer.converged) break;
+      best = finer;
+    }
+  }
 }
 
 }  // namespace raysfm

@@ -13,26 +13,34 @@ namespace raysfm {
 struct PatchQuery {
   int keyframe = 0;
   int feature = 0;
-  int camera = 0;  // that should see it
-  int track = -1;
-  bool in_anchor = false;                                              // passed through for the caller
-  Eigen::Vector2f predicted = Eigen::Vector2f::Zero();                 // pixel in the other image
-  Eigen::Matrix2f keyframe_from_target = Eigen::Matrix2f::Identity();  // how the patch is deformed
-  float radius = 0;                                                    // of the region of interest, pixels
+  int camera = 0;                                       // that should see it
+  int track = -1, point = -1;                           // passed through for the caller
+  Eigen::Vector2f predicted = Eigen::Vector2f::Zero();  // pixel in the other image
+  int octave = 0;                                       // of the other image, to look in
+  // How the patch is deformed: pixels of the key frame as taken from those of the octave of the other image.
+  Eigen::Matrix2f keyframe_from_target = Eigen::Matrix2f::Identity();
+  float radius = 0;  // of the region of interest, pixels
 };
 
 // Predicts where camera `target` sees the point at `distance` along the ray of a key frame's feature, and how
-// the patch around it is deformed, taking the surface to face the key frame. `target_from_source` leads from
-// the camera of the feature at the key frame to the target. False where the target does not see it, or sees
-// it at a scale too different to be compared (beyond a factor of about 2.5).
+// the patch around it is deformed, taking the surface to face the key frame; chooses the octave of `view`, of
+// the target camera, in which it looks most alike. `target_from_source` leads from the camera of the feature
+// at the key frame to the target. False where the target does not see it, or sees it at a scale too different
+// to be compared (beyond a factor of about 2.5 to the octaves that there are).
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
-                   int target, const Rigid3& target_from_source, PatchQuery* query);
+                   int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query);
 
 struct GuidedMatch {
   int query = -1;
   int feature = -1;  // of the target view, -1 where only the alignment found the place
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+  int octave = 0;  // of the target, in which it was found
   float zncc = 0;
+};
+
+// Sub-pixel place of a patch; `octave` is that of the target in which it was measured.
+struct AlignedPatch : PatchAlignment {
+  int octave = 0;
 };
 
 // Finds patches of key frames in another view, LBA09 2.1 with a region of interest and a patch shape that
@@ -44,13 +52,20 @@ class GuidedMatcher {
   void match(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries, const View& target,
              float min_zncc, std::vector<GuidedMatch>* matches);
 
-  // Sub-pixel places of queries in the target, from the given starts. Element i of `out` belongs to query i.
+  // Sub-pixel places of queries in the target, from the given starts, in the finest octave that the patch is
+  // seen in. Element i of `out` belongs to query i.
   void align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
              std::span<const Eigen::Vector2f> starts, const View& target,
-             const PatchAlignmentOptions& options, std::vector<PatchAlignment>* out);
+             const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out);
 
  private:
   void gather_patches(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries);
+  void match_in(std::span<const KeyFrameView> views, const CameraView& target,
+                std::span<const PatchQuery> queries, int first_query, float min_zncc,
+                std::vector<GuidedMatch>* matches);
+  AlignedPatch align_in(int octave, const Octaves& reference, const Eigen::Vector2f& pixel,
+                        const Eigen::Matrix2f& reference_from_octave, const Octaves& target,
+                        const Eigen::Vector2f& start, const PatchAlignmentOptions& options) const;
 
   ZnccMatcher matcher_;
   PatchSet patches_;  // one per query

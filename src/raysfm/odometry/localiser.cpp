@@ -3,14 +3,15 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <unordered_set>
 
 namespace raysfm {
 namespace {
 
 constexpr float kMinPoseZncc = 0.75f;
-constexpr int kMaxLocalPoints = 800;   // for one camera
-constexpr double kCornerError = 4.0;   // pixels: inliers before the alignment
-constexpr double kAlignedError = 2.0;  // pixels: inliers after it
+constexpr int kMaxLocalPoints = 800;  // for one camera
+// Standard deviations, which are pixels of the octave: inliers before the alignment, and after it.
+constexpr double kCornerError = 4.0, kAlignedError = 2.0;
 constexpr int kMinInliers = 20;
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
@@ -19,12 +20,11 @@ int max_local_points(const TrackingRig& rig) {
 }
 
 // How many of a sample of key frame k's points the anchor's cameras would see.
-int overlap(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig, int k, int anchor) {
+int overlap(const Map& map, const TrackingRig& rig, int k, int anchor) {
   constexpr int kStep = 8;
   const Rigid3& anchor_from_world = map.keyframes[anchor].rig_from_world;
   const MapKeyFrame& keyframe = map.keyframes[k];
   int seen = 0;
-  if (!views[k].view) return 0;
   for (int f = 0; f < keyframe.size(); f += kStep) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !map.tracks[track].triangulated) continue;
@@ -71,22 +71,23 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   LocalMap local;
   local.anchor = anchor;
   std::vector<std::pair<int, int>> others;  // (overlap, key frame)
-  for (int k = 0; k < static_cast<int>(map.keyframes.size()); ++k) {
-    const int seen = k == anchor ? 0 : overlap(map, views, rig, k, anchor);
+  for (int k = static_cast<int>(map.keyframes.size()) - 1; k >= 0; --k) {
+    if (!views[k].view && k != anchor) break;  // forgotten, and those before it
+    const int seen = k == anchor ? 0 : overlap(map, rig, k, anchor);
     if (seen > 0) others.push_back({seen, k});
   }
   std::sort(others.begin(), others.end(), std::greater<>());
   others.resize(std::min<size_t>(others.size(), reach));
   others.insert(others.begin(), {0, anchor});
 
-  std::vector<uint8_t> taken(map.tracks.size(), 0);
+  std::unordered_set<int> taken;
   for (const auto& [seen, k] : others) {
     if (static_cast<int>(local.points.size()) >= max_local_points(rig)) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
       const int track = keyframe.tracks[f];
-      if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated || taken[track]) continue;
-      taken[track] = 1;
+      if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
+      if (!taken.insert(track).second) continue;
       local.points.push_back(reference_patch(map, views, rig, track, anchor, {track, k, f, k == anchor}));
     }
   }
@@ -100,14 +101,15 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
 
 // Queries for every camera that should see a point, whichever saw it before.
 void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                        const Rigid3& rig_from_world, float radius, int max_points) {
+                        const View& view, const Rigid3& rig_from_world, float radius, int max_points) {
   queries_.clear();
   const int step = std::max(1, static_cast<int>(local.points.size()) / max_points);
-  for (int c = 0; c < rig_.size(); ++c) predict_in(c, map, views, local, rig_from_world, radius, step);
+  for (int c = 0; c < rig_.size(); ++c) predict_in(c, map, views, local, view, rig_from_world, radius, step);
 }
 
 void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameView> views,
-                           const LocalMap& local, const Rigid3& rig_from_world, float radius, int step) {
+                           const LocalMap& local, const View& view, const Rigid3& rig_from_world,
+                           float radius, int step) {
   const Rigid3 cam_from_world = rig_.cam_from_rig(camera) * rig_from_world;
   int keyframe = -1, source = -1;
   Rigid3 source_from_world, cam_from_source;
@@ -126,9 +128,12 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                      .feature = p.feature,
                      .camera = camera,
                      .track = p.track,
-                     .in_anchor = p.in_anchor,
+                     .point = static_cast<int>(i),
                      .radius = radius};
-    if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source, &query)) continue;
+    if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source,
+                       view.cameras[camera], &query)) {
+      continue;
+    }
     Eigen::Vector2d pixel;
     if (!rig_.find(camera, cam_from_world * position, &pixel)) continue;
     query.predicted = pixel.cast<float>();
@@ -141,25 +146,27 @@ void Localiser::clear_observations() {
   pixels_.clear();
   cameras_.clear();
   rays_.clear();
+  sigmas_.clear();
 }
 
 // False where the pixel has no ray to measure an angle from.
-bool Localiser::add_observation(const Eigen::Vector3d& point, int camera, const Eigen::Vector2f& pixel) {
+bool Localiser::add_observation(const Map& map, const TrackPixel& seen) {
   if (rig_.angular()) {
     ObservedRay ray;
-    if (!rig_.observe(camera, pixel, &ray)) return false;
+    if (!rig_.observe(seen.camera, seen.pixel, &ray)) return false;
     rays_.push_back(ray);
   }
-  points_.push_back(point);
-  pixels_.push_back(pixel.cast<double>());
-  cameras_.push_back(camera);
+  points_.push_back(map.tracks[seen.track].position);
+  pixels_.push_back(seen.pixel.cast<double>());
+  cameras_.push_back(seen.camera);
+  sigmas_.push_back(octave_side(seen.octave));
   return true;
 }
 
 // Pose from the observations.
 bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
   ScopedTimer timer(pose_timing);
-  estimator_.estimate(rig_.rig(), {points_, pixels_, cameras_, rays_}, prior,
+  estimator_.estimate(rig_.rig(), observations(), prior,
                       {.max_error_px = max_error_px,
                        .min_inliers = kMinInliers,
                        .seed = options_.seed,
@@ -171,7 +178,7 @@ bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
 bool Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
                                   Rigid3* rig_from_world) {
   clear_observations();
-  for (const TrackPixel& m : matches) add_observation(map.tracks[m.track].position, m.camera, m.pixel);
+  for (const TrackPixel& m : matches) add_observation(map, m);
   if (!estimate(nullptr, frame, kCornerError)) return false;
   *rig_from_world = estimate_.rig_from_world;
   return true;
@@ -182,17 +189,20 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
                       const View& view) {
   {
     ScopedTimer timer(align_timing);
-    predict(map, views, local, estimate_.rig_from_world, 0, max_local_points(rig_));
+    predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
     starts_.clear();
     for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
     matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinPoseZncc}, &alignments_);
     aligned_.clear();
+    aligned_point_.clear();
     clear_observations();
     for (size_t i = 0; i < queries_.size(); ++i) {
       const PatchQuery& q = queries_[i];
       if (!alignments_[i].converged) continue;
-      if (!add_observation(map.tracks[q.track].position, q.camera, alignments_[i].pixel)) continue;
-      aligned_.push_back({q.track, q.camera, q.in_anchor, alignments_[i].pixel});
+      const TrackPixel seen = seen_at(q, alignments_[i]);
+      if (!add_observation(map, seen)) continue;
+      aligned_.push_back({seen, local.points[q.point].in_anchor});
+      aligned_point_.push_back(q.point);
     }
   }
   return refine_estimate();
@@ -202,9 +212,28 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
 bool Localiser::refine_estimate() {
   ScopedTimer timer(pose_timing);
   estimate_.inlier.assign(points_.size(), 1);
-  estimator_.refine(rig_.rig(), {points_, pixels_, cameras_, rays_},
-                    {.max_error_px = kAlignedError, .min_inliers = kMinInliers}, &estimate_);
+  estimator_.refine(rig_.rig(), observations(), {.max_error_px = kAlignedError, .min_inliers = kMinInliers},
+                    &estimate_);
   return estimate_.ok();
+}
+
+// What of the local map should be seen, and what was found of it.
+void Localiser::count(const LocalMap& local, bool aligned, Localisation* out) {
+  constexpr uint8_t kVisible = 1, kMatched = 2;
+  counted_.assign(local.points.size(), 0);
+  for (const PatchQuery& q : queries_) {
+    if (counted_[q.point] != 0) continue;
+    counted_[q.point] = kVisible;
+    ++out->visible;
+    out->visible_in_anchor += local.points[q.point].in_anchor;
+  }
+  for (size_t i = 0; aligned && i < aligned_.size(); ++i) {
+    if (!estimate_.inlier[i]) continue;
+    out->matches.push_back(aligned_[i]);
+    uint8_t& counted = counted_[aligned_point_[i]];
+    out->matched_with_anchor += aligned_[i].in_anchor && counted != kMatched;
+    counted = kMatched;
+  }
 }
 
 Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
@@ -212,12 +241,11 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
                                  const SearchRange& range) {
   {
     ScopedTimer timer(match_timing);
-    predict(map, views, local, predicted_rig_from_world, range.radius_px, range.coarse_points);
+    predict(map, views, local, view, predicted_rig_from_world, range.radius_px, range.coarse_points);
     matcher_.match(views, queries_, view, kMinPoseZncc, &corners_);
     clear_observations();
     for (const GuidedMatch& m : corners_) {
-      const PatchQuery& q = queries_[m.query];
-      add_observation(map.tracks[q.track].position, q.camera, m.pixel);
+      add_observation(map, seen_at(queries_[m.query], m));
     }
   }
   Localisation out;
@@ -226,30 +254,16 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
                              queries_.size(), estimate_.inlier_count);
     return out;
   }
-  const bool aligned = align(map, views, local, view);
-  counted_.assign(map.tracks.size(), 0);
-  for (const PatchQuery& q : queries_) {
-    if (counted_[q.track]) continue;
-    counted_[q.track] = 1;
-    ++out.visible;
-    out.visible_in_anchor += q.in_anchor;
-  }
-  if (!aligned) {
+  out.ok = align(map, views, local, view);
+  count(local, out.ok, &out);
+  if (!out.ok) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),
                              out.visible, estimate_.inlier_count);
     return out;
   }
-  constexpr uint8_t kMatched = 255;
-  out.ok = true;
   out.rig_from_world = estimate_.rig_from_world;
   out.covariance = estimate_.covariance;
   out.sigma_px = estimate_.sigma_px;
-  for (size_t i = 0; i < aligned_.size(); ++i) {
-    if (!estimate_.inlier[i]) continue;
-    out.matches.push_back(aligned_[i]);
-    if (aligned_[i].in_anchor && counted_[aligned_[i].track] != kMatched) ++out.matched_with_anchor;
-    counted_[aligned_[i].track] = kMatched;
-  }
   return out;
 }
 
@@ -257,7 +271,7 @@ bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigi
                        Matrix6d* covariance) {
   clear_observations();
   for (const TrackPixel& m : matches) {
-    if (map.tracks[m.track].triangulated) add_observation(map.tracks[m.track].position, m.camera, m.pixel);
+    if (map.tracks[m.track].triangulated) add_observation(map, m);
   }
   estimate_.rig_from_world = *rig_from_world;
   if (!refine_estimate()) return false;

@@ -32,19 +32,23 @@ struct LocalMap {
 LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
                         int anchor, int reach);
 
-// A map point seen in a frame.
-struct PointMatch {
+// A map point seen in an image.
+struct TrackPixel {
   int track = 0;
-  int camera = 0;
-  bool in_anchor = false;  // the local map's anchor sees the track
+  uint8_t camera = 0;
+  uint8_t octave = 0;  // that the pixel was measured in
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
-// The same once only the estimate matters.
-struct TrackPixel {
-  int track = 0;
-  int camera = 0;
-  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+// What was found of a query: a GuidedMatch or an AlignedPatch.
+template <typename Found>
+TrackPixel seen_at(const PatchQuery& query, const Found& found) {
+  return {query.track, static_cast<uint8_t>(query.camera), static_cast<uint8_t>(found.octave), found.pixel};
+}
+
+// The same for a point of a local map.
+struct PointMatch : TrackPixel {
+  bool in_anchor = false;  // the local map's anchor sees the track
 };
 
 // How far the search for map points goes before a first pose is known.
@@ -90,14 +94,16 @@ class Localiser {
   StageTiming match_timing, pose_timing, align_timing;
 
  private:
-  void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+  void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view,
                const Rigid3& rig_from_world, float radius, int max_points);
   void predict_in(int camera, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                  const Rigid3& rig_from_world, float radius, int step);
+                  const View& view, const Rigid3& rig_from_world, float radius, int step);
   void clear_observations();
-  bool add_observation(const Eigen::Vector3d& point, int camera, const Eigen::Vector2f& pixel);
+  bool add_observation(const Map& map, const TrackPixel& seen);
+  PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
   bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
+  void count(const LocalMap& local, bool aligned, Localisation* out);
   bool refine_estimate();
 
   const TrackingRig& rig_;
@@ -108,12 +114,14 @@ class Localiser {
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> corners_;
   std::vector<Eigen::Vector2f> starts_;
-  std::vector<PatchAlignment> alignments_;
+  std::vector<AlignedPatch> alignments_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2d> pixels_;
   std::vector<int> cameras_;
-  std::vector<ObservedRay> rays_;  // where residuals are angular
-  std::vector<uint8_t> counted_;   // by track
+  std::vector<ObservedRay> rays_;   // where residuals are angular
+  std::vector<float> sigmas_;       // pixels
+  std::vector<uint8_t> counted_;    // by point of the local map
+  std::vector<int> aligned_point_;  // of the local map
   std::vector<PointMatch> aligned_;
 };
 

@@ -18,9 +18,11 @@ constexpr int kEnoughPoints = 200;
 constexpr double kLeastDecrease = 1e-4;  // of the cost: where an adjustment stops
 constexpr int kMinShared = 10;           // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
-constexpr double kInlierError = 2.0;       // pixels
-constexpr float kMaxSearchRadius = 40.0f;  // pixels along the epipolar line
-constexpr float kNeighbourhood = 60.0f;    // pixels: features that tell the depth of one without
+constexpr double kInlierError = 2.0;  // standard deviations, which are pixels of the octave
+constexpr float kSearchSlack = 3.0f;  // pixels of the octave
+// Parts of the image's width: of the search along the epipolar line, and of the features that tell the depth
+// of one without.
+constexpr float kMaxSearch = 0.05f, kNeighbourhood = 0.09f;
 
 // Guess of the distance of what a camera of a key frame sees, from the features that have one.
 class DistancePrior {
@@ -37,6 +39,7 @@ class DistancePrior {
       pixels.push_back(k.pixels[f]);
       distances_.push_back(distance);
     }
+    neighbourhood_ = kNeighbourhood * static_cast<float>(rig.camera(camera).width);
     grid_.build(pixels, rig.camera(camera).width, rig.camera(camera).height);
     if (!distances_.empty()) near_ = distances_;
     overall_ = median_of(&near_);
@@ -45,7 +48,7 @@ class DistancePrior {
   // 0 where nothing is known.
   double at(const Eigen::Vector2f& pixel) {
     near_.clear();
-    grid_.for_each_in(pixel, kNeighbourhood, [&](int i) { near_.push_back(distances_[i]); });
+    grid_.for_each_in(pixel, neighbourhood_, [&](int i) { near_.push_back(distances_[i]); });
     return near_.size() >= 3 ? median_of(&near_) : overall_;
   }
 
@@ -53,27 +56,28 @@ class DistancePrior {
   FeatureGrid grid_;
   std::vector<double> distances_, near_;
   double overall_ = 0;
+  float neighbourhood_ = 0;  // pixels
 };
 
 }  // namespace
 
-bool observe(const TrackingRig& rig, int track, int keyframe, int camera, const Eigen::Vector2f& pixel,
-             Map* map) {
+bool observe(const TrackingRig& rig, const TrackPixel& seen, int keyframe, Map* map) {
   MapKeyFrame& k = map->keyframes[keyframe];
   if (rig.angular()) {
     ObservedRay ray;
-    if (!rig.observe(camera, pixel, &ray)) return false;
+    if (!rig.observe(seen.camera, seen.pixel, &ray)) return false;
     k.rays.push_back(ray);
   }
-  map->observe(track, keyframe, k.add(camera, pixel, track));
+  map->observe(seen.track, keyframe, k.add(seen.camera, seen.pixel, seen.octave, seen.track));
   return true;
 }
 
-bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel,
+bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel, int octave,
                       MapKeyFrame* keyframe) {
   if (rig.angular() && !rig.observe(keyframe->cameras[feature], pixel, &keyframe->rays[feature]))
     return false;
   keyframe->pixels[feature] = pixel;
+  keyframe->octaves[feature] = static_cast<uint8_t>(octave);
   return true;
 }
 
@@ -87,14 +91,17 @@ void start_tracks(const TrackingRig& rig, const View& view, float spacing, int k
       if (k.cameras[f] == c) there.push_back(k.pixels[f]);
     }
     FeatureGrid taken;
-    taken.build(there, image.image.width(), image.image.height());
-    for (const Eigen::Vector2f& pixel : image.features.pixels) {
+    taken.build(there, image.width, image.height);
+    for (int i = 0; i < image.features.size(); ++i) {
+      const Eigen::Vector2f pixel = image.features.pixels[i];
+      const uint8_t octave = image.features.octaves[i];
       bool free = true;
-      taken.for_each_in(pixel, spacing, [&](int) { free = false; });
+      taken.for_each_in(pixel, spacing * octave_side(octave), [&](int) { free = false; });
       if (!free) continue;
       const int track = static_cast<int>(map->tracks.size());
       map->tracks.emplace_back().rgb = color_at(image, pixel);
-      if (!observe(rig, track, keyframe, c, pixel, map)) map->tracks.pop_back();
+      const TrackPixel seen{track, static_cast<uint8_t>(c), octave, pixel};
+      if (!observe(rig, seen, keyframe, map)) map->tracks.pop_back();
     }
   }
 }
@@ -108,7 +115,7 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     MapKeyFrame& k = map->keyframes.emplace_back();
     k.frame = view->frame;
     k.rig_from_world = pose.rig_from_world;
-    for (const PointMatch& m : pose.matches) observe(rig_, m.track, keyframe, m.camera, m.pixel, map);
+    for (const PointMatch& m : pose.matches) observe(rig_, m, keyframe, map);
     follow_tracks(anchor, keyframe, *view, map, *views);
     triangulate_tracks(keyframe, map);
     complete_keyframe(view, keyframe, map, views);
@@ -126,7 +133,7 @@ void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
   for (int f = 0; f < k.size(); ++f) {
     if (k.tracks[f] >= 0 && !map->tracks[k.tracks[f]].triangulated) wanted.push_back(f);
   }
-  across_.match(rig_, views->back(), wanted, &across_matches_);
+  across_.match(rig_, views->back(), *view, wanted, &across_matches_);
   bool joined = false;
   for (const AcrossMatch& m : across_matches_) joined |= join_across(keyframe, m, map);
   if (!joined) return;
@@ -140,18 +147,21 @@ bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
   MapKeyFrame& k = map->keyframes[keyframe];
   const int track = k.tracks[match.feature];
   if (track < 0) return false;  // it has just become part of another
+  const float spacing = kTrackSpacing * octave_side(match.octave);
+  same_place_.clear();
   for (int f = 0; f < k.size(); ++f) {
     if (k.cameras[f] != match.camera || k.tracks[f] < 0) continue;
-    if ((k.pixels[f] - match.pixel).squaredNorm() >= kTrackSpacing * kTrackSpacing) continue;
+    if ((k.pixels[f] - match.pixel).squaredNorm() >= spacing * spacing) continue;
     if (map->tracks[k.tracks[f]].observations.size() > 1) return false;  // another point, or joined already
+    same_place_.push_back(f);
   }
-  for (int f = 0; f < k.size(); ++f) {
-    if (k.cameras[f] != match.camera || k.tracks[f] < 0) continue;
-    if ((k.pixels[f] - match.pixel).squaredNorm() >= kTrackSpacing * kTrackSpacing) continue;
+  for (const int f : same_place_) {
     map->tracks[k.tracks[f]].observations.clear();
     k.tracks[f] = -1;
   }
-  return observe(rig_, track, keyframe, match.camera, match.pixel, map);
+  return observe(rig_,
+                 {track, static_cast<uint8_t>(match.camera), static_cast<uint8_t>(match.octave), match.pixel},
+                 keyframe, map);
 }
 
 void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
@@ -165,6 +175,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   const Rigid3 target_from_anchor = rig_.cam_from_rig(camera) * map->keyframes[keyframe].rig_from_world *
                                     from.rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
   DistancePrior prior(*map, anchor, rig_, camera);
+  const float max_radius = kMaxSearch * static_cast<float>(rig_.camera(camera).width);
   queries_.clear();
   for (int f = 0; f < from.size(); ++f) {
     const int track = from.tracks[f];
@@ -172,15 +183,15 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
     const double distance = prior.at(from.pixels[f]);
     PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
     const auto predict = [&](double d, PatchQuery* q) {
-      return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, q);
+      return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, view.cameras[camera], q);
     };
     if (!(distance > 0) || !predict(distance, &query)) continue;
     PatchQuery nearer, farther;
-    query.radius = kMaxSearchRadius;
+    query.radius = max_radius;
     if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
       const float reach =
           std::max((nearer.predicted - query.predicted).norm(), (farther.predicted - query.predicted).norm());
-      query.radius = std::min(kMaxSearchRadius, 3.0f + reach);
+      query.radius = std::min(max_radius, kSearchSlack * octave_side(query.octave) + reach);
     }
     queries_.push_back(query);
   }
@@ -194,15 +205,17 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   }
   matcher_.align(views, matched, starts_, view, {}, &alignments_);
   for (size_t i = 0; i < matched.size(); ++i) {
-    if (alignments_[i].converged)
-      observe(rig_, matched[i].track, keyframe, camera, alignments_[i].pixel, map);
+    if (!alignments_[i].converged) continue;
+    observe(rig_, seen_at(matched[i], alignments_[i]), keyframe, map);
   }
 }
 
 bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation* result) {
   rays_.clear();
+  float sigma = 0;  // pixels, the largest
   for (const TrackObservation& o : track.observations) {
     const MapKeyFrame& k = map.keyframes[o.keyframe];
+    sigma = std::max(sigma, octave_side(k.octaves[o.feature]));
     const Camera& camera = rig_.camera(k.cameras[o.feature]);
     Ray ray;
     if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
@@ -214,7 +227,7 @@ bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation
   for (const Ray& ray : rays_)
     largest = std::max(largest, (ray.direction - rays_[0].direction).squaredNorm());
   if (largest < kLeastParallax * kLeastParallax) return false;
-  return triangulate(rays_, result) && result->max_angle < kInlierError / rig_.pixels_per_radian();
+  return triangulate(rays_, result) && result->max_angle < kInlierError * sigma / rig_.pixels_per_radian();
 }
 
 void Mapper::triangulate_tracks(int keyframe, Map* map) {
@@ -304,6 +317,7 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   window_tracks_.clear();
   window_observations_.clear();
   window_rays_.clear();
+  window_sigmas_.clear();
   window_sources_.clear();
   window_inliers_.clear();
   window_point_of_track_.resize(map->tracks.size(), -1);
@@ -327,6 +341,7 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
       const MapKeyFrame& k = map->keyframes[o.keyframe];
       window_observations_.push_back(
           {pose, window_point_of_track_[t], k.cameras[o.feature], k.pixels[o.feature].cast<double>()});
+      window_sigmas_.push_back(octave_side(k.octaves[o.feature]));
       if (rig_.angular()) window_rays_.push_back(k.rays[o.feature]);
       window_sources_.push_back(o);
       window_inliers_.push_back(k.inliers[o.feature]);
@@ -342,6 +357,7 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
                         .is_inlier = window_inliers_,
                         .rays = window_rays_,
                         .lenses = {},
+                        .sigmas = window_sigmas_,
                         .scale_prior = {}};
   const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0},
                               .max_iterations = max_iterations,

@@ -64,11 +64,12 @@ class Mapper {
   GuidedMatcher matcher_;
   AcrossMatcher across_;
   std::vector<AcrossMatch> across_matches_;
+  std::vector<int> same_place_;
   BundleAdjuster adjuster_;
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> matches_;
   std::vector<Eigen::Vector2f> starts_;
-  std::vector<PatchAlignment> alignments_;
+  std::vector<AlignedPatch> alignments_;
   std::vector<Ray> rays_;
   std::vector<Candidate> candidates_;
 
@@ -81,22 +82,23 @@ class Mapper {
   std::vector<int> window_point_of_track_;
   std::vector<BundleObservation> window_observations_;
   std::vector<ObservedRay> window_rays_;
+  std::vector<float> window_sigmas_;
   std::vector<TrackObservation> window_sources_;
   std::vector<uint8_t> window_inliers_;
 };
 
-constexpr float kTrackSpacing = 4.0f;  // pixels between the features of a key frame
+constexpr float kTrackSpacing = 4.0f;  // pixels of the octave, between the features of a key frame
 
-// Makes a pixel of a key frame's camera an observation of a track. False, changing nothing, where residuals
-// are angular and the pixel has no ray.
-bool observe(const TrackingRig& rig, int track, int keyframe, int camera, const Eigen::Vector2f& pixel,
-             Map* map);
+// Makes what a key frame sees an observation of a track. False, changing nothing, where residuals are angular
+// and the pixel has no ray.
+bool observe(const TrackingRig& rig, const TrackPixel& seen, int keyframe, Map* map);
 
 // Moves observation `feature` of a key frame; false, changing nothing, as above.
-bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel,
+bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel, int octave,
                       MapKeyFrame* keyframe);
 
-// Starts a new track at every corner that is at least `spacing` pixels from the features of the key frame.
+// Starts a new track at every corner that is at least `spacing` pixels of its octave from the features of the
+// key frame.
 void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map);
 
 }  // namespace raysfm

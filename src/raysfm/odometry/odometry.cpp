@@ -30,7 +30,7 @@ constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
-  return {effort.radius_share * static_cast<float>(view.cameras[0].image.width()), effort.coarse_points};
+  return {effort.radius_share * static_cast<float>(view.cameras[0].width), effort.coarse_points};
 }
 
 // Older key frames may show what is hidden now; what the anchor saw a moment ago must be there still.
@@ -54,7 +54,8 @@ Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
   for (int f = 0; f < keyframe.size(); ++f) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
-    pose.matches.push_back({track, keyframe.cameras[f], true, keyframe.pixels[f]});
+    pose.matches.push_back(
+        {{track, static_cast<uint8_t>(keyframe.cameras[f]), keyframe.octaves[f], keyframe.pixels[f]}, true});
   }
   return pose;
 }
@@ -308,7 +309,7 @@ void Odometry::record(const View& view, const Localisation& pose, int keyframe) 
   frame.covariance = pose.covariance;
   frame.reason.clear();
   frame.matches.clear();
-  for (const PointMatch& m : pose.matches) frame.matches.push_back({m.track, m.camera, m.pixel});
+  for (const PointMatch& m : pose.matches) frame.matches.push_back(m);
 }
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the

@@ -33,7 +33,7 @@ PairTracker::PairTracker(ViewPtr base, int camera) : base_(std::move(base)), new
 
 // Where each corner should be: by its own motion, or by that of the image as a whole.
 void PairTracker::predict(const CameraView& next, const CoarseMotion* image_motion) {
-  const int width = next.image.width(), height = next.image.height();
+  const int width = next.width, height = next.height;
   predicted_.resize(place_.size());
   radius_.resize(place_.size());
   for (size_t i = 0; i < place_.size(); ++i) {
@@ -45,11 +45,40 @@ void PairTracker::predict(const CameraView& next, const CoarseMotion* image_moti
   }
 }
 
+// Patches of the base in the octaves that the next view has.
+const PatchSet& PairTracker::patches_for(const CameraView& next) {
+  const Features& features = base().features;
+  std::vector<int> others;
+  octave_.resize(features.size());
+  for (int i = 0; i < features.size(); ++i) {
+    octave_[i] = static_cast<uint8_t>(base().octaves->clamp(next.clamp_octave(features.octaves[i])));
+    if (octave_[i] != features.octaves[i]) others.push_back(i);
+  }
+  if (others.empty()) return base().patches;
+  other_patches_.resize(features.size());
+  for (int i = 0; i < features.size(); ++i) copy_patch(base().patches, i, i, &other_patches_);
+  PatchSet patch;
+  for (const int i : others) {
+    extract_patches(*base().octaves, octave_[i], std::span(&features.pixels[i], 1), &patch);
+    copy_patch(patch, 0, i, &other_patches_);
+  }
+  return other_patches_;
+}
+
 void PairTracker::match(const CameraView& next, const CoarseMotion* image_motion,
                         std::vector<ZnccMatch>* found) {
   predict(next, image_motion);
-  matcher_.match(base().patches, predicted_, radius_, next.patches, next.features.pixels, next.grid,
-                 {.min_zncc = kMinPairZncc}, found);
+  const PatchSet& patches = patches_for(next);
+  found->clear();
+  for (int octave = next.first_octave(); octave <= next.last_octave(); ++octave) {
+    radius_in_octave_ = radius_;
+    for (size_t i = 0; i < octave_.size(); ++i) {
+      if (octave_[i] != octave) radius_in_octave_[i] = 0;
+    }
+    matcher_.match(patches, predicted_, radius_in_octave_, next.patches, next.features.pixels,
+                   next.grid(octave), {.min_zncc = kMinPairZncc}, &found_in_octave_);
+    found->insert(found->end(), found_in_octave_.begin(), found_in_octave_.end());
+  }
 }
 
 int PairTracker::advance(ViewPtr next) {
@@ -74,8 +103,7 @@ void PairTracker::update(const CameraView& next) {
   for (const ZnccMatch& m : found_) matches[m.query] = m.train;
 
   // Motion since the view before: the median of the matches of a cell, for those that were not matched.
-  const float width = static_cast<float>(next.image.width()),
-              height = static_cast<float>(next.image.height());
+  const float width = static_cast<float>(next.width), height = static_cast<float>(next.height);
   std::vector<float> du[kColumns * kRows], dv[kColumns * kRows], all_du, all_dv, displacement;
   for (size_t i = 0; i < place_.size(); ++i) {
     if (matches[i] < 0) continue;

@@ -27,6 +27,7 @@ class PairTracker {
 
  private:
   void predict(const CameraView& next, const CoarseMotion* image_motion);
+  const PatchSet& patches_for(const CameraView& next);
   void match(const CameraView& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found);
   void update(const CameraView& next);
 
@@ -38,8 +39,10 @@ class PairTracker {
   std::vector<Eigen::Vector2f> velocity_;  // pixels per view
   std::vector<int> missed_;                // views in a row without a match
   std::vector<Eigen::Vector2f> predicted_;
-  std::vector<float> radius_;
-  std::vector<ZnccMatch> found_, found_by_image_;
+  std::vector<float> radius_, radius_in_octave_;
+  std::vector<uint8_t> octave_;  // of the next view, in which each feature is looked for
+  PatchSet other_patches_;       // of the base, where these are others than those of its features
+  std::vector<ZnccMatch> found_, found_by_image_, found_in_octave_;
   float median_displacement_ = 0;
 };
 

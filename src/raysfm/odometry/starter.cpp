@@ -3,11 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 namespace raysfm {
 namespace {
 
-constexpr double kStartCornerError = 2.0;  // pixels
+constexpr double kStartCornerError = 2.0;  // pixels of the octave
 constexpr int kMinStartInliers = 50;
 // Right starts on real footage explain 0.6 to 0.95 of the matches, wrong ones of turning cameras under 0.5.
 constexpr double kMinInlierRatio = 0.55;
@@ -126,7 +127,11 @@ std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& view
       if (second[f] < 0 || third[f] < 0) continue;
       const int features[3] = {f, second[f], third[f]};
       Match match{c, f, {}, {}};
-      for (int v = 0; v < 3; ++v) match.pixels[v] = views_[views[v]]->cameras[c].features.pixels[features[v]];
+      for (int v = 0; v < 3; ++v) {
+        const Features& of_view = views_[views[v]]->cameras[c].features;
+        match.seen[v] = {-1, static_cast<uint8_t>(c), of_view.octaves[features[v]],
+                         of_view.pixels[features[v]]};
+      }
       matches.push_back(std::move(match));
     }
   }
@@ -137,18 +142,29 @@ void Starter::find_across(const ViewPtr& first, std::vector<Match>* matches) {
   if (rig_.common_views().empty()) return;
   MapKeyFrame features;
   std::vector<int> all;
-  for (const Match& m : *matches) all.push_back(features.add(m.camera, m.pixels[0], -1));
+  for (const Match& m : *matches)
+    all.push_back(features.add(m.camera, m.seen[0].pixel, m.seen[0].octave, -1));
   std::vector<AcrossMatch> across;
-  across_.match(rig_, make_keyframe_view(first, features, rig_), all, &across);
+  across_.match(rig_, make_keyframe_view(first, features, rig_), *first, all, &across);
   for (const AcrossMatch& m : across) (*matches)[m.feature].across.push_back(m);
+}
+
+// Pixels that a pixel of the octaves stands for.
+double Starter::rms_octave_side(const std::vector<Match>& matches) {
+  double sum = 0;
+  for (const Match& m : matches) {
+    for (const TrackPixel& seen : m.seen) sum += std::pow(octave_side(seen.octave), 2);
+  }
+  return std::sqrt(sum / static_cast<double>(std::max<size_t>(1, 3 * matches.size())));
 }
 
 GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
   std::vector<ObservedRay> rays;
   std::vector<int> points, views, cameras;
-  const auto add = [&](int point, int view, int camera, const Eigen::Vector2f& pixel) {
+  const auto add = [&](int point, int view, int camera, const Eigen::Vector2f& pixel, int octave) {
     ObservedRay ray;
     if (!rig_.observe(camera, pixel, &ray)) return;
+    ray.tangents /= octave_side(octave);
     rays.push_back(ray);
     points.push_back(point);
     views.push_back(view);
@@ -156,8 +172,9 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   };
   for (size_t i = 0; i < matches.size(); ++i) {
     const int point = static_cast<int>(i);
-    for (int v = 0; v < 3; ++v) add(point, v, matches[i].camera, matches[i].pixels[v]);
-    for (const AcrossMatch& m : matches[i].across) add(point, 0, m.camera, m.pixel);
+    for (int v = 0; v < 3; ++v)
+      add(point, v, matches[i].camera, matches[i].seen[v].pixel, matches[i].seen[v].octave);
+    for (const AcrossMatch& m : matches[i].across) add(point, 0, m.camera, m.pixel, m.octave);
   }
   GenericStartOptions options;
   options.method = options_.start;
@@ -182,7 +199,7 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
     fail(count, fmt::format("{}: {}", frames, describe(geometry)));
     return std::nullopt;
   }
-  const double error = geometry.rms_error / rig_.pixels_per_radian();
+  const double error = geometry.rms_error * rms_octave_side(matches) / rig_.pixels_per_radian();
   const double significance = geometry.median_parallax / std::max(error, 1e-9);
   if (significance < kMinSignificance) {
     fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error", frames,
@@ -220,17 +237,22 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
     if (!geometry.inlier[i]) continue;
     const int track = static_cast<int>(map.tracks.size());
     map.tracks.push_back({geometry.points_in_rig0[i], true, {}, {}});
-    map.tracks.back().rgb = color_at(views_[first_]->cameras[m.camera], m.pixels[0]);
+    map.tracks.back().rgb = color_at(views_[first_]->cameras[m.camera], m.seen[0].pixel);
     match_of_track.push_back(m);
     for (int v = 0; v < 3; ++v) {
-      observe(rig_, track, v, m.camera, m.pixels[v], &map);
+      TrackPixel seen = m.seen[v];
+      seen.track = track;
+      observe(rig_, seen, v, &map);
       if (v > 0) continue;
-      for (const AcrossMatch& a : m.across) observe(rig_, track, 0, a.camera, a.pixel, &map);
+      for (const AcrossMatch& a : m.across) {
+        observe(rig_, {track, static_cast<uint8_t>(a.camera), static_cast<uint8_t>(a.octave), a.pixel}, 0,
+                &map);
+      }
     }
   }
   for (int v = 0; v < 3; ++v)
     start.views.push_back(make_keyframe_view(views_[views[v]], map.keyframes[v], rig_));
-  refine_pixels(&start);
+  refine_pixels({views_[views[0]], views_[views[1]], views_[views[2]]}, &start);
   mapper.adjust_globally(&map);
   const int points = static_cast<int>(
       std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
@@ -255,7 +277,8 @@ void Starter::collect_seen(const std::vector<Match>& match_of_track, Start* star
       const int feature = start->map.tracks[t].triangulated ? from_first_[m.camera].matches(k)[m.corner] : -1;
       if (feature < 0) continue;
       const CameraView& view = views_[first_ + 1 + k]->cameras[m.camera];
-      seen.push_back({static_cast<int>(t), m.camera, view.features.pixels[feature]});
+      seen.push_back({static_cast<int>(t), static_cast<uint8_t>(m.camera), view.features.octaves[feature],
+                      view.features.pixels[feature]});
     }
   }
 }
@@ -278,11 +301,11 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
 
 // With the geometry known the patches of the first view can be shaped as the others see them, and the corners
 // replaced by sub-pixel places.
-void Starter::refine_pixels(Start* start) {
+void Starter::refine_pixels(const std::array<ViewPtr, 3>& views, Start* start) {
   Map& map = start->map;
   std::vector<PatchQuery> queries;
   std::vector<Eigen::Vector2f> starts;
-  std::vector<PatchAlignment> alignments;
+  std::vector<AlignedPatch> alignments;
   for (int v = 1; v < 3; ++v) {
     MapKeyFrame& keyframe = map.keyframes[v];
     queries.clear();
@@ -295,16 +318,18 @@ void Starter::refine_pixels(Start* start) {
       const Rigid3 target_from_first = rig_.cam_from_rig(camera) * keyframe.rig_from_world * world_from_first;
       PatchQuery query{.keyframe = 0, .feature = feature, .track = f};
       const double distance = (track.position - world_from_first.translation).norm();
-      if (!predict_patch(rig_, start->views[0], feature, distance, camera, target_from_first, &query))
+      if (!predict_patch(rig_, start->views[0], feature, distance, camera, target_from_first,
+                         views[v]->cameras[camera], &query)) {
         continue;
+      }
       queries.push_back(query);
       starts.push_back(keyframe.pixels[f]);
     }
-    matcher_.align(start->views, queries, starts, *start->views[v].view, {}, &alignments);
+    matcher_.align(start->views, queries, starts, *views[v], {}, &alignments);
     for (size_t i = 0; i < queries.size(); ++i) {
       const int f = queries[i].track;
-      keyframe.inliers[f] =
-          alignments[i].converged && move_observation(rig_, f, alignments[i].pixel, &keyframe);
+      keyframe.inliers[f] = alignments[i].converged &&
+                            move_observation(rig_, f, alignments[i].pixel, alignments[i].octave, &keyframe);
     }
   }
 }

@@ -52,18 +52,19 @@ class Starter {
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
   struct Match {
     int camera = 0;
-    int corner = 0;  // of the first view
-    std::array<Eigen::Vector2f, 3> pixels;
+    int corner = 0;                  // of the first view
+    std::array<TrackPixel, 3> seen;  // tracks not yet numbered
     std::vector<AcrossMatch> across;
   };
   std::vector<Match> find_matches(const std::array<int, 3>& views) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
+  static double rms_octave_side(const std::vector<Match>& matches);
   GenericStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
   std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,
                              const GenericStart& geometry, Mapper& mapper);
   void collect_seen(const std::vector<Match>& match_of_track, Start* start) const;
   void add_points(const std::array<int, 3>& views, Start* start, Mapper& mapper);
-  void refine_pixels(Start* start);
+  void refine_pixels(const std::array<ViewPtr, 3>& views, Start* start);
   void restart(int first);
   void fail(int matches, std::string reason);
   int enough(int wanted) const;

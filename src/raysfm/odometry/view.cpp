@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "raysfm/image/pyramid.h"
 
@@ -10,23 +11,52 @@ namespace raysfm {
 namespace {
 
 constexpr int kThumbnailWidth = 96;  // pixels at most
+// Corners are looked for in so many octaves; the coarser ones are what is left of a corner under motion blur.
+constexpr int kOctavesWithFeatures = 2;
+constexpr float kShareOfFirst = 0.8f;
+// Of the finest octave: more of them cost more time than they add to what can be seen.
+constexpr int kMaxPixels = 5 << 19;
+
+void append(const Features& more, Features* features) {
+  features->pixels.insert(features->pixels.end(), more.pixels.begin(), more.pixels.end());
+  features->scores.insert(features->scores.end(), more.scores.begin(), more.scores.end());
+  features->octaves.insert(features->octaves.end(), more.octaves.begin(), more.octaves.end());
+}
+
+// Calls f(octave, indices) for the elements of each octave there is.
+template <typename F>
+void for_each_octave(std::span<const uint8_t> octaves, F f) {
+  std::vector<int> indices;
+  uint32_t present = 0;
+  for (const uint8_t octave : octaves) present |= uint32_t{1} << octave;
+  for (int octave = 0; present >> octave != 0; ++octave) {
+    if ((present >> octave & 1) == 0) continue;
+    indices.clear();
+    for (size_t i = 0; i < octaves.size(); ++i) {
+      if (octaves[i] == octave) indices.push_back(static_cast<int>(i));
+    }
+    f(octave, std::as_const(indices));
+  }
+}
 
 void extract_keyframe_patches(KeyFrameView* out) {
   std::vector<int> indices;
   std::vector<Eigen::Vector2f> pixels;
   PatchSet patches;
   out->patches.resize(static_cast<int>(out->pixels.size()));
-  for (int c = 0; c < static_cast<int>(out->view->cameras.size()); ++c) {
-    indices.clear();
-    pixels.clear();
-    for (size_t i = 0; i < out->pixels.size(); ++i) {
-      if (out->cameras[i] != c) continue;
-      indices.push_back(static_cast<int>(i));
-      pixels.push_back(out->pixels[i]);
+  for_each_octave(out->octaves, [&](int octave, const std::vector<int>& of_octave) {
+    for (int c = 0; c < static_cast<int>(out->view->cameras.size()); ++c) {
+      indices.clear();
+      pixels.clear();
+      for (const int i : of_octave) {
+        if (out->cameras[i] != c) continue;
+        indices.push_back(i);
+        pixels.push_back(out->pixels[i]);
+      }
+      extract_patches(*out->view->cameras[c].octaves, octave, pixels, &patches);
+      for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &out->patches);
     }
-    extract_patches(out->view->cameras[c].image.view(), pixels, &patches);
-    for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &out->patches);
-  }
+  });
 }
 
 }  // namespace
@@ -36,12 +66,57 @@ void copy_patch(const PatchSet& from, int i, int j, PatchSet* to) {
   to->set_inverse_norm(j, from.inverse_norm(i));
 }
 
+void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::Vector2f> pixels,
+                     PatchSet* patches) {
+  std::vector<Eigen::Vector2f> in_octave;
+  for (const Eigen::Vector2f& pixel : pixels) in_octave.push_back(into_octave(pixel, octave));
+  extract_patches(picture.at(octave), in_octave, patches);
+}
+
 void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view) {
-  const GrayView image = view->image.view();
-  detector.detect(image, options, &view->features);
-  extract_patches(image, view->features.pixels, &view->patches);
-  view->grid.build(view->features.pixels, image.width, image.height);
-  view->thumbnail_scale = make_thumbnail(image, kThumbnailWidth, &view->thumbnail);
+  view->width = view->image.width();
+  view->height = view->image.height();
+  view->octaves = std::make_shared<const Octaves>(std::move(view->image), kMaxPixels);
+  view->image = {};
+  const Octaves& octaves = *view->octaves;
+  HarrisOptions in_octave = options;
+  PatchSet patches;
+  Features found;
+  view->features.clear();
+  view->grids.clear();
+  const int last = std::min(octaves.last(), octaves.first() + kOctavesWithFeatures - 1);
+  for (int o = octaves.first(); o <= last; ++o) {
+    in_octave.octave = o;
+    const int left = options.max_features - view->features.size();
+    in_octave.max_features = o == last ? left : static_cast<int>(kShareOfFirst * static_cast<float>(left));
+    detector.detect(octaves.at(o), in_octave, &found);
+    const int begin = view->features.size();
+    append(found, &view->features);
+    view->grids.emplace_back().build(view->features.pixels, begin, view->features.size(), view->width,
+                                     view->height, o);
+  }
+  const Features& features = view->features;
+  view->patches.resize(features.size());
+  for_each_octave(features.octaves, [&](int octave, const std::vector<int>& indices) {
+    const std::span pixels = std::span(features.pixels).subspan(indices.front(), indices.size());
+    extract_patches(octaves, octave, pixels, &patches);
+    for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &view->patches);
+  });
+  int source = octaves.first();
+  while (source < octaves.last() && octaves.at(source).width > kThumbnailWidth) ++source;
+  view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &view->thumbnail) << source;
+}
+
+ViewPtr images_of(const View& view) {
+  auto images = std::make_shared<View>();
+  images->frame = view.frame;
+  for (const CameraView& camera : view.cameras) {
+    CameraView& image = images->cameras.emplace_back();
+    image.width = camera.width;
+    image.height = camera.height;
+    image.octaves = camera.octaves;
+  }
+  return images;
 }
 
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
@@ -49,10 +124,13 @@ CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
 }
 
 std::array<uint8_t, 3> color_at(const CameraView& view, const Eigen::Vector2f& pixel) {
-  const int x = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, view.image.width() - 1);
-  const int y = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, view.image.height() - 1);
+  const int x = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, view.width - 1);
+  const int y = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, view.height - 1);
   if (view.bgr.empty()) {
-    const uint8_t grey = view.image.row(y)[x];
+    const GrayView image = view.octaves->at(view.octaves->first());
+    const int u = std::min(x >> view.octaves->first(), image.width - 1);
+    const int v = std::min(y >> view.octaves->first(), image.height - 1);
+    const uint8_t grey = image(u, v);
     return {grey, grey, grey};
   }
   const uint8_t* bgr = view.bgr.row(y) + 3 * x;
@@ -64,6 +142,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   out.view = std::move(view);
   out.cameras = keyframe.cameras;
   out.pixels = keyframe.pixels;
+  out.octaves = keyframe.octaves;
   out.origins.resize(keyframe.size());
   out.directions.resize(keyframe.size());
   out.ray_jacobians.resize(keyframe.size());

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -9,6 +11,7 @@
 #include "raysfm/features/feature_grid.h"
 #include "raysfm/features/features.h"
 #include "raysfm/features/harris.h"
+#include "raysfm/features/octaves.h"
 #include "raysfm/features/patches.h"
 #include "raysfm/image/image.h"
 #include "raysfm/odometry/tracking_rig.h"
@@ -16,15 +19,24 @@
 
 namespace raysfm {
 
-// The image of one camera after detection: everything that later stages need of it.
+// The image of one camera after detection: everything that later stages need of it. Pixels are those of the
+// image as taken, whatever the octave (features/octaves.h) that something was found in.
 struct CameraView {
-  GrayImage image;
+  GrayImage image;     // until detection, which moves it into the octaves
   Image<uint8_t> bgr;  // empty where the input is grey
+  int width = 0, height = 0;
+  std::shared_ptr<const Octaves> octaves;
   Features features;
-  PatchSet patches;  // of the features
-  FeatureGrid grid;  // of the features
+  PatchSet patches;                // of the features, in their octaves
+  std::vector<FeatureGrid> grids;  // of the features of octaves->first(), and of those that follow
   GrayImage thumbnail;
   int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
+
+  // The octaves with features.
+  int first_octave() const { return octaves->first(); }
+  int last_octave() const { return octaves->first() + static_cast<int>(grids.size()) - 1; }
+  int clamp_octave(int octave) const { return std::clamp(octave, first_octave(), last_octave()); }
+  const FeatureGrid& grid(int octave) const { return grids[octave - octaves->first()]; }
 };
 
 // One frame: an image of every camera of the rig, taken at one instant. Made ahead of time on any thread.
@@ -41,12 +53,17 @@ using ViewPtr = std::shared_ptr<const View>;
 // Motion of the image as a whole between two views, told by their thumbnails.
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second);
 
-// Fills features, patches, grid and thumbnail from the image. `detector` holds scratch memory; one per
-// thread.
+// Fills all the rest from the image. `detector` holds scratch memory; one per thread.
 void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view);
+
+// The images of a view without what detection found in them: what remains of it in a key frame.
+ViewPtr images_of(const View& view);
 
 // Patch i of one set becomes patch j of another.
 void copy_patch(const PatchSet& from, int i, int j, PatchSet* to);
+// Patches about pixels in an octave of a picture.
+void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::Vector2f> pixels,
+                     PatchSet* patches);
 
 // Colour of the pixel nearest to a place inside the image; a grey of the same brightness where the input is
 // grey.
@@ -58,6 +75,7 @@ struct KeyFrameView {
   ViewPtr view;
   std::vector<int> cameras;
   std::vector<Eigen::Vector2f> pixels;
+  std::vector<uint8_t> octaves;  // of the patches
   PatchSet patches;
   std::vector<Eigen::Vector3f> origins, directions;       // of the rays, in their camera's frame
   std::vector<Eigen::Matrix<float, 3, 2>> ray_jacobians;  // d direction / d pixel; zero where there is none

@@ -30,14 +30,16 @@ struct MapKeyFrame {
   Rigid3 rig_from_world;
   std::vector<int> cameras;             // of the rig, that the feature is seen in
   std::vector<Eigen::Vector2f> pixels;  // sub-pixel positions
+  std::vector<uint8_t> octaves;         // of the image (features/octaves.h), in which these were found
   std::vector<int> tracks;              // track seen there
   std::vector<uint8_t> inliers;         // 1 while the observation agrees with its track's position
   std::vector<ObservedRay> rays;        // where residuals are angular; else empty
 
   int size() const { return static_cast<int>(pixels.size()); }
-  int add(int camera, const Eigen::Vector2f& pixel, int track) {
+  int add(int camera, const Eigen::Vector2f& pixel, int octave, int track) {
     cameras.push_back(camera);
     pixels.push_back(pixel);
+    octaves.push_back(static_cast<uint8_t>(octave));
     tracks.push_back(track);
     inliers.push_back(1);
     return size() - 1;

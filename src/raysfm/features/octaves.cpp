@@ -1,0 +1,45 @@
+#include "raysfm/features/octaves.h"
+
+#include <utility>
+
+#include "raysfm/features/sharpness.h"
+#include "raysfm/image/pyramid.h"
+
+namespace raysfm {
+namespace {
+
+// Beyond this width of its edges, in pixels, an image says no more than its half.
+constexpr float kSoftEdge = 1.5f;
+constexpr int kCoarser = 3;   // octaves above the first: for patches seen from afar
+constexpr int kMinSide = 48;  // pixels
+
+bool too_fine(const GrayView& image, int max_pixels) {
+  if (int64_t{image.width} * image.height > max_pixels) return true;
+  return edge_width(image) > kSoftEdge;
+}
+
+}  // namespace
+
+Octaves::Octaves(GrayImage image, int max_pixels) {
+  const auto has_half = [](const GrayImage& i) { return std::min(i.width(), i.height()) >= 2 * kMinSide; };
+  GrayImage half;
+  while (has_half(image) && too_fine(image.view(), max_pixels)) {
+    half_sample(image.view(), &half);
+    std::swap(image, half);
+    half = {};
+    ++first_;
+  }
+  images_.push_back(std::move(image));
+  while (static_cast<int>(images_.size()) <= kCoarser && has_half(images_.back())) {
+    GrayImage& next = images_.emplace_back();
+    half_sample(images_[images_.size() - 2].view(), &next);
+  }
+}
+
+std::vector<GrayView> Octaves::views() const {
+  std::vector<GrayView> views;
+  for (const GrayImage& image : images_) views.push_back(image.view());
+  return views;
+}
+
+}  // namespace raysfm

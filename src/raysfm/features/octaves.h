@@ -1,0 +1,46 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <vector>
+
+#include "raysfm/image/image.h"
+
+namespace raysfm {
+
+// Side of a pixel of an octave in pixels of the image as taken. It is also what one standard deviation of a
+// position found there counts for: corners and patches are as exact in pixels of their octave at every scale.
+inline float octave_side(int octave) {
+  return static_cast<float>(1 << octave);
+}
+
+// The same place in the pixels of an octave, and back.
+inline Eigen::Vector2f into_octave(const Eigen::Vector2f& pixel, int octave) {
+  return ((pixel.array() + 0.5f) / octave_side(octave) - 0.5f).matrix();
+}
+inline Eigen::Vector2f out_of_octave(const Eigen::Vector2f& pixel, int octave) {
+  return ((pixel.array() + 0.5f) * octave_side(octave) - 0.5f).matrix();
+}
+
+// A picture at the resolutions at which it has something to say. Octave 0 is the image as taken, each further
+// one the half_sample() of the one before; those finer than the picture is sharp are left out.
+class Octaves {
+ public:
+  Octaves() = default;
+  // Keeps `image` where octave 0 is needed. The first octave is the finest of at most `max_pixels` pixels in
+  // which edges are no wider than kSoftEdge (sharpness.h).
+  Octaves(GrayImage image, int max_pixels);
+
+  int first() const { return first_; }
+  int last() const { return first_ + static_cast<int>(images_.size()) - 1; }
+  int clamp(int octave) const { return std::clamp(octave, first(), last()); }
+  GrayView at(int octave) const { return images_[octave - first_].view(); }
+  // All of them, first() first.
+  std::vector<GrayView> views() const;
+
+ private:
+  int first_ = 0;
+  std::vector<GrayImage> images_;
+};
+
+}  // namespace raysfm
