@@ -21,9 +21,10 @@ struct BundleScene {
   std::vector<BundleObservation> observations;
   std::vector<uint8_t> is_inlier;
   std::vector<ObservedRay> rays;  // empty until observe_rays()
+  std::vector<float> sigmas;      // empty: all 1
 
   BundleProblem problem() {
-    return {cameras, poses, pose_is_free, points, point_is_fixed, observations, is_inlier, rays, {}};
+    return {cameras, poses, pose_is_free, points, point_is_fixed, observations, is_inlier, rays, {}, sigmas};
   }
 };
 

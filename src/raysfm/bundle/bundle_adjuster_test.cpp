@@ -226,6 +226,66 @@ TEST(BundleAdjuster, TwoStagesFindTheOutliersAndTakeBackInliers) {
   }
 }
 
+// With one standard deviation for all, its unit does not matter: powers of two do not even change the bits.
+TEST(BundleAdjuster, StandardDeviationsAreTheUnitOfResiduals) {
+  for (const bool angular : {false, true}) {
+    BundleScene plain = make_bundle_scene({}), ones = plain, fours = plain;
+    for (BundleScene* scene : {&plain, &ones, &fours}) {
+      if (angular) test::observe_rays(scene, AngularWeight::kPixel);
+    }
+    ones.sigmas.assign(ones.observations.size(), 1);
+    fours.sigmas.assign(fours.observations.size(), 4);
+    BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 0.5}};
+    BundleAdjuster adjuster;
+    const double cost = adjuster.adjust_two_stage(plain.problem(), options, 1.0).final_cost;
+    EXPECT_EQ(adjuster.adjust_two_stage(ones.problem(), options, 1.0).final_cost, cost);
+    options.loss.scale /= 4;
+    EXPECT_EQ(adjuster.adjust_two_stage(fours.problem(), options, 0.25).final_cost * 16, cost);
+    for (const BundleScene* scene : {&ones, &fours}) {
+      EXPECT_EQ(scene->is_inlier, plain.is_inlier);
+      EXPECT_EQ(scene->points, plain.points);
+      for (size_t i = 0; i < plain.poses.size(); ++i) {
+        EXPECT_EQ(scene->poses[i].translation, plain.poses[i].translation);
+        EXPECT_EQ(scene->poses[i].rotation.coeffs(), plain.poses[i].rotation.coeffs());
+      }
+    }
+  }
+}
+
+TEST(BundleAdjuster, WhatIsKnownToBeUncertainWeighsLess) {
+  double with = 0, without = 0;
+  for (uint64_t seed = 0; seed < 5; ++seed) {
+    BundleScene scene = make_bundle_scene({.noise_px = 0.1, .seed = seed});
+    Rng rng(seed);
+    for (BundleObservation& o : scene.observations) {
+      scene.sigmas.push_back(rng.uniform() < 0.5 ? 0.1f : 3.0f);
+      if (scene.sigmas.back() > 1) o.pixel += 3 * Eigen::Vector2d(rng.normal(), rng.normal());
+    }
+    BundleScene unweighted = scene;
+    unweighted.sigmas.clear();
+    BundleAdjuster adjuster;
+    const BundleSummary summary = adjuster.adjust_two_stage(scene.problem(), {}, 4.5);
+    adjuster.adjust(unweighted.problem(), {});
+    // A residual of two numbers exceeds 4.5 standard deviations four times in 100000.
+    EXPECT_GE(summary.used_observations, static_cast<int>(scene.observations.size()) - 3);
+    with += (scene.poses[9].translation - scene.true_poses[9].translation).norm();
+    without += (unweighted.poses[9].translation - scene.true_poses[9].translation).norm();
+  }
+  EXPECT_LT(with, 0.2 * without);
+}
+
+TEST(BundleAdjuster, RefusesStandardDeviationsThatAreNone) {
+  for (const float sigma : {0.0f, -1.0f, NAN, INFINITY}) {
+    BundleScene scene = make_bundle_scene({.points = 20});
+    scene.sigmas.assign(scene.observations.size(), 1);
+    scene.sigmas[3] = sigma;
+    EXPECT_EQ(BundleAdjuster().adjust(scene.problem(), {}).termination, Termination::kInvalidProblem);
+  }
+  BundleScene scene = make_bundle_scene({.points = 20});
+  scene.sigmas.assign(scene.observations.size() - 1, 1);
+  EXPECT_EQ(BundleAdjuster().adjust(scene.problem(), {}).termination, Termination::kInvalidProblem);
+}
+
 TEST(BundleAdjuster, DropsAndCountsWhatDoesNotProject) {
   BundleScene scene = make_bundle_scene({});
   scene.points[3] = scene.true_poses[0].inverse() * Eigen::Vector3d(0, 0, -100);  // behind every camera

@@ -322,6 +322,10 @@ bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& la
   } else {
     std::memset(&is_lost_[begin], 0, kBundleLanes);
   }
+  const bool is_weighted = !layout_.weight.empty();
+  if (is_weighted) {
+    for (int k = 0; k < kBundleLanes; ++k) block.squared[k] *= layout_.weight[begin + k];
+  }
   const RobustLoss loss = loss_;
   if (loss.kind == RobustLoss::Kind::kNone) {
     for (double& weight : block.weight) weight = 1;
@@ -331,6 +335,9 @@ bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& la
       block.weight[k] = loss.weight(block.squared[k]);
       lane_cost[begin + k] = 0.5 * loss.cost(block.squared[k]);
     }
+  }
+  if (is_weighted) {
+    for (int k = 0; k < kBundleLanes; ++k) block.weight[k] *= layout_.weight[begin + k];
   }
   for (int k = 0; k < kBundleLanes; ++k) lane_sums[k] += lane_cost[begin + k];
   return loses;

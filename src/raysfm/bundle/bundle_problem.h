@@ -50,6 +50,8 @@ struct ScalePrior {
 //   lens      where `lenses` is not empty: predicted minus observed pixel of the pose's own lens, which is
 //             refined with the pose: nine unknowns for each free pose. The camera is not looked at; `rays`
 //             must be empty.
+// Where `sigmas` is not empty, every error is divided by its standard deviation: losses, costs, thresholds
+// and covariances then count standard deviations.
 struct BundleProblem {
   std::span<const Camera> cameras;
   std::span<Rigid3> rig_from_world;
@@ -60,6 +62,7 @@ struct BundleProblem {
   std::span<uint8_t> is_inlier;            // one per observation, 0: not used; empty: all used
   std::span<const ObservedRay> rays = {};  // one per observation, or empty
   std::span<BalLens> lenses = {};          // one per pose, or empty
+  std::span<const float> sigmas = {};      // > 0, in the residual's unit; one per observation; empty: all 1
   ScalePrior scale_prior = {};
 };
 

@@ -106,8 +106,9 @@ TEST(Covariance, ARigHoldsTheScale) {
 }
 
 // 90 % of the ellipsoids hold the truth: 10.645 and 6.251 are the 90 % points of chi squared with 6 and 3
-// degrees of freedom. The camera knows nothing of the truth but the pixels.
-void expect_ninety_percent(int free_poses, int trials) {
+// degrees of freedom. The camera knows nothing of the truth but the pixels. `mixed`: three in four pixels of
+// the last two poses are sixteen times as uncertain as the rest, and known to be.
+void expect_ninety_percent(int free_poses, int trials, bool mixed = false) {
   const int poses = 5;
   BundleScene scene = make_bundle_scene({.poses = poses,
                                          .free_poses = free_poses,
@@ -116,14 +117,19 @@ void expect_ninety_percent(int free_poses, int trials) {
                                          .noise_px = 0,
                                          .pose_error = 0,
                                          .point_error = 0});
+  for (size_t i = 0; mixed && i < scene.observations.size(); ++i) {
+    const BundleObservation& o = scene.observations[i];
+    scene.sigmas.push_back(o.pose >= poses - 2 && o.point % 4 > 0 ? 4.0f : 0.25f);
+  }
   Rng rng(77);
   BundleAdjuster adjuster;
   int pose_hits = 0, point_hits = 0, pose_trials = 0, point_trials = 0;
   double sigma2 = 0;
   for (int trial = 0; trial < trials; ++trial) {
     BundleScene noisy = scene;
-    for (BundleObservation& o : noisy.observations) {
-      o.pixel += 0.5 * Eigen::Vector2d(rng.normal(), rng.normal());
+    for (size_t i = 0; i < noisy.observations.size(); ++i) {
+      const double noise = 0.5 * (mixed ? scene.sigmas[i] : 1);
+      noisy.observations[i].pixel += noise * Eigen::Vector2d(rng.normal(), rng.normal());
     }
     adjuster.adjust(noisy.problem(), {.max_iterations = 20, .min_relative_decrease = 1e-10});
     const Result<BundleCovariance> covariance = bundle_covariance(noisy.problem(), {});
@@ -151,6 +157,10 @@ void expect_ninety_percent(int free_poses, int trials) {
 
 TEST(Covariance, NinetyPercentOfTheEllipsoidsHoldTheTruth) {
   expect_ninety_percent(3, 2000);
+}
+
+TEST(Covariance, NinetyPercentWithMixedStandardDeviations) {
+  expect_ninety_percent(3, 2000, true);
 }
 
 TEST(Covariance, WhatIsNotDeterminedIsSaid) {

@@ -38,7 +38,8 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
   const auto fits = [](size_t flags, size_t size) { return flags == 0 || flags == size; };
   if (!fits(problem.pose_is_free.size(), poses) || !fits(problem.point_is_fixed.size(), points) ||
       !fits(problem.is_inlier.size(), observations) || !fits(problem.rays.size(), observations) ||
-      !fits(problem.lenses.size(), poses) || (!problem.rays.empty() && !problem.lenses.empty())) {
+      !fits(problem.lenses.size(), poses) || !fits(problem.sigmas.size(), observations) ||
+      (!problem.rays.empty() && !problem.lenses.empty())) {
     return false;
   }
   if (poses > kMostObservations || points > kMostObservations || observations > kMostObservations)
@@ -48,6 +49,9 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
   if (options.threads < 1) return false;
   if (options.max_iterations < 1 || !(options.min_relative_decrease >= 0) || !(options.initial_damping > 0)) {
     return false;
+  }
+  for (const float sigma : problem.sigmas) {
+    if (!(sigma > 0 && std::isfinite(sigma))) return false;
   }
   const bool needs_camera = problem.rays.empty() && problem.lenses.empty();
   for (const BundleObservation& o : problem.observations) {
@@ -62,6 +66,7 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
 void ObservationLayout::build(const BundleProblem& problem) {
   sort_inliers(problem);
   fill_lanes(problem);
+  weigh_lanes(problem);
   list_lanes_of_points();
   assign_slots();
   cut_chunks();
@@ -114,6 +119,15 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
     u.push_back(o.pixel.x()), v.push_back(o.pixel.y());
   }
   pad();
+}
+
+void ObservationLayout::weigh_lanes(const BundleProblem& problem) {
+  weight.clear();
+  if (problem.sigmas.empty()) return;
+  for (const Lane& lane : lanes) {
+    const double sigma = lane.observation < 0 ? 1.0 : problem.sigmas[lane.observation];
+    weight.push_back(1.0 / (sigma * sigma));
+  }
 }
 
 void ObservationLayout::list_lanes_of_points() {

@@ -34,6 +34,7 @@ struct ObservationLayout {
   std::vector<Group> groups;
   std::vector<Lane> lanes;
   std::vector<double> u, v;        // observed pixel, by lane
+  std::vector<double> weight;      // 1 / sigma^2 by lane; empty where the problem has no sigmas
   std::vector<int> chunks;         // first group of each unit of work, then the number of groups; whole poses
   std::vector<int> poses, points;  // index in the problem, by number in the system
   std::vector<int> lane_begin, lanes_of_point;  // by system point, ascending
@@ -46,6 +47,7 @@ struct ObservationLayout {
  private:
   void sort_inliers(const BundleProblem& problem);
   void fill_lanes(const BundleProblem& problem);
+  void weigh_lanes(const BundleProblem& problem);
   void list_lanes_of_points();
   void assign_slots();
   void cut_chunks();

@@ -31,7 +31,7 @@ void ProblemPart::cut(const BundleProblem& whole, const ObservationsByPose& by_p
     pose_is_free_.push_back(i >= first_free && (whole.pose_is_free.empty() || whole.pose_is_free[i]));
   }
   number_points(whole, by_pose, skip_unmoved);
-  observations_.clear(), rays_.clear();
+  observations_.clear(), rays_.clear(), sigmas_.clear();
   for (int k = by_pose.begin[first]; k < by_pose.begin[last]; ++k) {
     const int i = by_pose.observations[k];
     BundleObservation o = whole.observations[i];
@@ -41,6 +41,7 @@ void ProblemPart::cut(const BundleProblem& whole, const ObservationsByPose& by_p
     o.point = local;
     observations_.push_back(o);
     if (!whole.rays.empty()) rays_.push_back(whole.rays[i]);
+    if (!whole.sigmas.empty()) sigmas_.push_back(whole.sigmas[i]);
   }
   for (int p : point_ids) local_[p] = -1;
 }
@@ -73,7 +74,7 @@ void ProblemPart::number_points(const BundleProblem& whole, const ObservationsBy
 }
 
 BundleProblem ProblemPart::problem() {
-  return {cameras_, poses, pose_is_free_, points, point_is_fixed_, observations_, {}, rays_, lenses};
+  return {cameras_, poses, pose_is_free_, points, point_is_fixed_, observations_, {}, rays_, lenses, sigmas_};
 }
 
 bool ProblemPart::is_anchored() const {

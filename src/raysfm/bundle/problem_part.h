@@ -45,6 +45,7 @@ class ProblemPart {
   std::vector<uint8_t> pose_is_free_, point_is_fixed_;
   std::vector<BundleObservation> observations_;
   std::vector<ObservedRay> rays_;
+  std::vector<float> sigmas_;
   std::vector<int> sightings_, local_;  // by point of the whole; zero and -1 between two cuts
   std::vector<uint8_t> moves_;
   bool has_lenses_ = false;

@@ -11,8 +11,10 @@ bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, con
   return residual->allFinite();
 }
 
-bool residual_of(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
-                 const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual) {
+namespace {
+
+bool plain_residual(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
+                    const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual) {
   const BundleObservation& o = problem.observations[observation];
   const Eigen::Vector3d x_in_rig = rig_from_world * point;
   if (!problem.rays.empty()) return problem.rays[observation].residual(x_in_rig, residual);
@@ -21,6 +23,15 @@ bool residual_of(const BundleProblem& problem, int observation, const Rigid3& ri
   if (!camera.project(camera.rig_from_cam.inverse() * x_in_rig, residual)) return false;
   *residual -= o.pixel;
   return residual->allFinite();
+}
+
+}  // namespace
+
+bool residual_of(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
+                 const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual) {
+  if (!plain_residual(problem, observation, rig_from_world, lens, point, residual)) return false;
+  if (!problem.sigmas.empty()) *residual /= problem.sigmas[observation];
+  return true;
 }
 
 bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d* residual) {

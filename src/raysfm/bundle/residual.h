@@ -6,9 +6,10 @@
 
 namespace raysfm {
 
-// Residual of one observation of a valid problem, with this pose, lens (looked at where the problem has
-// lenses) and point in place of the problem's. False, leaving `residual` unspecified, where there is none:
-// the point is behind the camera or outside the valid set of its model, or something is not finite.
+// Residual of one observation of a valid problem over its standard deviation, with this pose, lens (looked at
+// where the problem has lenses) and point in place of the problem's. False, leaving `residual` unspecified,
+// where there is none: the point is behind the camera or outside the valid set of its model, or something is
+// not finite.
 bool residual_of(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
                  const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual);
 

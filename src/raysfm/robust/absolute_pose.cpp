@@ -22,7 +22,7 @@ struct RayTable {
   std::vector<int> observations;  // index into the input
   std::vector<Ray> rays;
   std::vector<Vector3d> points;
-  std::vector<double> weights;  // (pixels per radian / error of an inlier)^2 at the pixel
+  std::vector<double> weights;  // (pixels per radian / (error of an inlier * sigma))^2 at the pixel
 
   int size() const { return static_cast<int>(points.size()); }
   void clear() { observations.clear(), rays.clear(), points.clear(), weights.clear(); }
@@ -44,7 +44,12 @@ double squared_pixels_per_radian(const Camera& camera, const Vector3d& bearing, 
   return 0.5 * jacobian.squaredNorm();
 }
 
-void fill_from_pixels(const Rig& rig, const PoseObservations& observations, double max_error_px,
+double squared_limit(const PoseObservations& observations, int i, double max_error) {
+  const double limit = max_error * observations.sigma(i);
+  return limit * limit;
+}
+
+void fill_from_pixels(const Rig& rig, const PoseObservations& observations, double max_error,
                       RayTable* table) {
   for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
     const Camera& camera = rig.cameras[c];
@@ -54,19 +59,20 @@ void fill_from_pixels(const Rig& rig, const PoseObservations& observations, doub
       if (observations.camera(i) != c || !camera.ray(observations.pixels[i], &ray)) continue;
       const double squared = squared_pixels_per_radian(camera, ray.direction, scale * scale);
       const Ray in_rig{camera.rig_from_cam * ray.origin, camera.rig_from_cam.rotation * ray.direction};
-      table->add(i, in_rig, observations.points_in_world[i], squared / (max_error_px * max_error_px));
+      table->add(i, in_rig, observations.points_in_world[i],
+                 squared / squared_limit(observations, i, max_error));
     }
   }
 }
 
-void fill(const Rig& rig, const PoseObservations& observations, double max_error_px, RayTable* table) {
+void fill(const Rig& rig, const PoseObservations& observations, double max_error, RayTable* table) {
   table->clear();
-  if (observations.rays.empty()) return fill_from_pixels(rig, observations, max_error_px, table);
+  if (observations.rays.empty()) return fill_from_pixels(rig, observations, max_error, table);
   for (int i = 0; i < observations.size(); ++i) {
     const ObservedRay& ray = observations.rays[i];
     const double squared = 0.5 * ray.tangents.squaredNorm();
     table->add(i, {ray.origin, ray.direction}, observations.points_in_world[i],
-               squared / (max_error_px * max_error_px));
+               squared / squared_limit(observations, i, max_error));
   }
 }
 

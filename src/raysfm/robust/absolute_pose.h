@@ -23,7 +23,7 @@ enum class PoseMethod {
 
 struct PoseOptions {
   PoseMethod method = PoseMethod::kThreeRays;
-  double max_error_px = 3.0;  // > 0: residual of an inlier
+  double max_error_px = 3.0;  // > 0: residual of an inlier; with sigmas, standard deviations
   int min_inliers = 12;       // >= 4: fewer is a failure
   int max_iterations = 1000;  // samples
   double confidence = 0.999;  // in (0, 1)
@@ -50,7 +50,7 @@ struct PoseEstimate {
   // Of the tangent of rig_from_world, see retract(); points held fixed: sigma_px^2 (J^T J)^-1.
   Matrix6d covariance = Matrix6d::Zero();
   // Standard deviation of one coordinate of the inliers' residuals; with a robust loss the one that makes the
-  // formula above hold for the M-estimate (Huber 1981, 7.6).
+  // formula above hold for the M-estimate (Huber 1981, 7.6). With sigmas, the factor that they all lack.
   double sigma_px = 0;
   int iterations = 0;  // samples drawn; 0: the prior was taken
 

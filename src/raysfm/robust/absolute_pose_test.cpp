@@ -50,8 +50,9 @@ struct Scene {
   std::vector<Vector2d> pixels;
   std::vector<int> cameras;
   std::vector<ObservedRay> rays = {};
+  std::vector<float> sigmas = {};
 
-  PoseObservations observations() const { return {points, pixels, cameras, rays}; }
+  PoseObservations observations() const { return {points, pixels, cameras, rays, sigmas}; }
 
   // Leaves the rays alone to be known of the observations: a camera that cannot project. Where `offsets` is
   // not empty, no two rays share an origin.
@@ -69,7 +70,7 @@ struct Scene {
 // Points 3 to 20 units before the cameras in turn, `noise` pixels on each coordinate, the first
 // `outliers` pixels anywhere in the image.
 Scene make_scene(const Rig& rig, int count, double noise, double outliers, Rng& rng) {
-  Scene scene{rig, {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)}, {}, {}, {}};
+  Scene scene{.rig = rig, .rig_from_world = {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)}};
   const Rigid3 world_from_rig = scene.rig_from_world.inverse();
   for (int i = 0; i < count; ++i) {
     const int c = i % static_cast<int>(rig.cameras.size());
@@ -274,14 +275,61 @@ TEST(AbsolutePose, AgreesWithOpenCv) {
   }
 }
 
+// With one standard deviation for all, any unit of it gives the same pose: powers of two even the same bits.
+TEST(AbsolutePose, StandardDeviationsAreTheUnitOfResiduals) {
+  for (const bool rays : {false, true}) {
+    Rng rng(13);
+    Scene scene = make_scene(three_cameras(), 300, 0.5, 0.4, rng);
+    if (rays) scene.keep_rays_alone();
+    PoseEstimator estimator;
+    PoseEstimate plain, ones, fours;
+    const PoseOptions options{.max_error_px = 2, .loss = {RobustLoss::Kind::kHuber, 1}};
+    estimator.estimate(scene.rig, scene.observations(), nullptr, options, &plain);
+    ASSERT_TRUE(plain.ok());
+    scene.sigmas.assign(300, 1);
+    estimator.estimate(scene.rig, scene.observations(), nullptr, options, &ones);
+    scene.sigmas.assign(300, 4);
+    PoseOptions in_sigmas = options;
+    in_sigmas.max_error_px = 0.5, in_sigmas.loss.scale = 0.25;
+    estimator.estimate(scene.rig, scene.observations(), nullptr, in_sigmas, &fours);
+    for (const PoseEstimate* estimate : {&ones, &fours}) {
+      EXPECT_EQ(estimate->iterations, plain.iterations);
+      EXPECT_EQ(estimate->inlier, plain.inlier);
+      EXPECT_EQ(estimate->rig_from_world.rotation.coeffs(), plain.rig_from_world.rotation.coeffs());
+      EXPECT_EQ(estimate->rig_from_world.translation, plain.rig_from_world.translation);
+      EXPECT_EQ(estimate->covariance, plain.covariance);
+    }
+    EXPECT_EQ(ones.sigma_px, plain.sigma_px);
+    EXPECT_EQ(4 * fours.sigma_px, plain.sigma_px);
+  }
+}
+
+TEST(AbsolutePose, WideErrorsAreNoOutliersWhereTheyAreExpected) {
+  Rng rng(14);
+  Scene scene = make_scene(mono(), 300, 0.5, 0.3, rng);
+  for (int i = 0; i < 300; ++i) scene.sigmas.push_back(i < 200 ? 0.5f : 5.0f);
+  for (int i = 200; i < 300; ++i) scene.pixels[i] += 5 * Vector2d(rng.normal(), rng.normal());
+  PoseEstimator estimator;
+  PoseEstimate estimate;
+  estimator.estimate(scene.rig, scene.observations(), nullptr, {.max_error_px = 4}, &estimate);
+  ASSERT_TRUE(estimate.ok());
+  EXPECT_NEAR(estimate.inlier_count, 210, 4);  // 4 standard deviations hold all but 3 in 10000
+  EXPECT_NEAR(estimate.sigma_px, 1, 0.1);
+}
+
 // Part of the trials whose true position lies inside the 90 % ellipsoid, and whose true pose lies inside the
-// 90 % ellipsoid of six dimensions (chi-square 10.645).
-std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool rays) {
-  constexpr int kTrials = 2000, kPoints = 150;
+// 90 % ellipsoid of six dimensions (chi-square 10.645). `mixed`: near points, which tell the position best,
+// are ten times as uncertain as far ones.
+std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool rays, bool mixed = false) {
+  const int trials = mixed ? 4000 : 2000, points = mixed ? 300 : 150;
   constexpr double kNoise = 0.8, kEllipsoid90Of6 = 10.645;
   Rng rng(7);
-  Scene scene = make_scene(rig, kPoints, 0, 0, rng);
+  Scene scene = make_scene(rig, points, 0, 0, rng);
   const std::vector<Vector2d> exact = scene.pixels;
+  for (int i = 0; mixed && i < points; ++i) {
+    const bool near = (scene.rig_from_world * scene.points[i]).norm() < 8;
+    scene.sigmas.push_back(near ? 2.0f : 0.2f);
+  }
   const std::vector<Vector3d> offsets = rays ? make_non_central(&scene, rng) : std::vector<Vector3d>();
   PoseOptions options;
   options.loss = loss;
@@ -289,9 +337,11 @@ std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool r
   PoseEstimator estimator;
   PoseEstimate estimate;
   int inside = 0, inside6 = 0;
-  for (int trial = 0; trial < kTrials; ++trial) {
-    for (int i = 0; i < kPoints; ++i)
-      scene.pixels[i] = exact[i] + kNoise * Vector2d(rng.normal(), rng.normal());
+  for (int trial = 0; trial < trials; ++trial) {
+    for (int i = 0; i < points; ++i) {
+      const double noise = kNoise * scene.observations().sigma(i);
+      scene.pixels[i] = exact[i] + noise * Vector2d(rng.normal(), rng.normal());
+    }
     if (rays) scene.keep_rays_alone(offsets);
     estimator.estimate(scene.rig, scene.observations(), &scene.rig_from_world, options, &estimate);
     EXPECT_TRUE(estimate.ok());
@@ -305,7 +355,7 @@ std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool r
     tangent.head<3>() = difference.translation;
     inside6 += tangent.dot(estimate.covariance.inverse() * tangent) <= kEllipsoid90Of6;
   }
-  return {double(inside) / kTrials, double(inside6) / kTrials};
+  return {double(inside) / trials, double(inside6) / trials};
 }
 
 TEST(AbsolutePose, CovarianceCoversTheTruthInNinetyPercent) {
@@ -325,6 +375,16 @@ TEST(AbsolutePose, CovarianceFromRaysCoversTheTruthInNinetyPercent) {
     const auto [position, pose] = covered(three_cameras(), loss, true);
     EXPECT_NEAR(position, 0.9, 0.02);
     EXPECT_NEAR(pose, 0.9, 0.02);
+  }
+}
+
+TEST(AbsolutePose, CovarianceHoldsWithMixedStandardDeviations) {
+  for (const RobustLoss& loss : {RobustLoss{}, RobustLoss{RobustLoss::Kind::kHuber, 1.0}}) {
+    for (const bool rays : {false, true}) {
+      const auto [position, pose] = covered(three_cameras(), loss, rays, true);
+      EXPECT_NEAR(position, 0.9, 0.02) << rays;
+      EXPECT_NEAR(pose, 0.9, 0.02) << rays;
+    }
   }
 }
 

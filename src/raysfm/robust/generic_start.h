@@ -35,7 +35,8 @@ enum class GenericStartMethod {
 struct GenericStartOptions {
   GenericStartMethod method = GenericStartMethod::kAuto;
   // Largest residual of an inlier in each of its rays, in the unit of the rays' residuals: pixels where
-  // they are whitened, else tangents of angles.
+  // they are whitened, else tangents of angles; standard deviations where each ray's tangents are divided by
+  // its own (kCentral then takes their median for all).
   double max_error = 1.5;
   int min_matches = 30;              // >= 6
   int min_inliers = 25;              // >= 6

@@ -41,6 +41,11 @@ bool PoseResiduals::evaluate(const Matrix3d& rig_from_world_rotation,
   } else if (!pixel_residual(in_rig, i, residual, jacobian ? &by_point : nullptr)) {
     return false;
   }
+  if (!observations_.sigmas.empty()) {
+    const double inverse = 1.0 / observations_.sigmas[i];
+    *residual *= inverse;
+    if (jacobian) by_point *= inverse;
+  }
   if (jacobian) {
     // d in_rig = v + w x in_rig, and a . (w x p) = w . (p x a).
     jacobian->leftCols<3>() = by_point;

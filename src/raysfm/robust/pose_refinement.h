@@ -17,15 +17,18 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 // Known points and where a rig saw them: flat arrays of one length. Seen at pixels of cameras that project,
 // or along rays, for any camera: where `rays` is not empty, neither the pixels nor the cameras (nor the rig)
 // are looked at. The rays are in the rig's frame and whitened to pixels (AngularWeight::kPixel), so that
-// every figure in pixels keeps its meaning; unwhitened, all of them are tangents of angles.
+// every figure in pixels keeps its meaning; unwhitened, all of them are tangents of angles. Where `sigmas` is
+// not empty, every residual is divided by its standard deviation, and those figures count such.
 struct PoseObservations {
   std::span<const Eigen::Vector3d> points_in_world;
   std::span<const Eigen::Vector2d> pixels = {};
   std::span<const int> cameras = {};  // index into Rig::cameras; empty: all in camera 0
   std::span<const ObservedRay> rays = {};
+  std::span<const float> sigmas = {};  // pixels, > 0; empty: all 1
 
   int size() const { return static_cast<int>(points_in_world.size()); }
   int camera(int i) const { return cameras.empty() ? 0 : cameras[i]; }
+  double sigma(int i) const { return sigmas.empty() ? 1.0 : sigmas[i]; }
 };
 
 // The residuals of one pose, of pixels (predicted minus observed) or of rays (ObservedRay), and their
