@@ -3,7 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
+
+#include "raysfm/core/median.h"
 
 namespace raysfm {
 namespace {
@@ -149,13 +150,13 @@ void Starter::find_across(const ViewPtr& first, std::vector<Match>* matches) {
   for (const AcrossMatch& m : across) (*matches)[m.feature].across.push_back(m);
 }
 
-// Pixels that a pixel of the octaves stands for.
-double Starter::rms_octave_side(const std::vector<Match>& matches) {
-  double sum = 0;
+// Pixels that a pixel of the octaves stands for, in the median.
+double Starter::median_octave_side(const std::vector<Match>& matches) {
+  std::vector<float> sides;
   for (const Match& m : matches) {
-    for (const TrackPixel& seen : m.seen) sum += std::pow(octave_side(seen.octave), 2);
+    for (const TrackPixel& seen : m.seen) sides.push_back(octave_side(seen.octave));
   }
-  return std::sqrt(sum / static_cast<double>(std::max<size_t>(1, 3 * matches.size())));
+  return median_of(&sides);
 }
 
 GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
@@ -199,7 +200,7 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
     fail(count, fmt::format("{}: {}", frames, describe(geometry)));
     return std::nullopt;
   }
-  const double error = geometry.rms_error * rms_octave_side(matches) / rig_.pixels_per_radian();
+  const double error = geometry.rms_error * median_octave_side(matches) / rig_.pixels_per_radian();
   const double significance = geometry.median_parallax / std::max(error, 1e-9);
   if (significance < kMinSignificance) {
     fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error", frames,

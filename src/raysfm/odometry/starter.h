@@ -58,7 +58,7 @@ class Starter {
   };
   std::vector<Match> find_matches(const std::array<int, 3>& views) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
-  static double rms_octave_side(const std::vector<Match>& matches);
+  static double median_octave_side(const std::vector<Match>& matches);
   GenericStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
   std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,
                              const GenericStart& geometry, Mapper& mapper);
