@@ -81,7 +81,8 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     frame.width = input.sizes.empty() ? result->width : input.sizes[j].x();
     frame.height = input.sizes.empty() ? result->height : input.sizes[j].y();
     if (!found.image_posed[j]) {
-      frame.reason = reason_without_pose(seen[j], agreeing[j]);
+      const bool defective = !input.defects.empty() && !input.defects[j].empty();
+      frame.reason = defective ? input.defects[j] : reason_without_pose(seen[j], agreeing[j]);
       continue;
     }
     const Rigid3& cam_from_found = found.scene.cam_from_world[j];

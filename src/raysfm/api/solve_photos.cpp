@@ -52,14 +52,17 @@ Result<void> read_photos(FrameSource& source, Photos* photos, SolveInput* input)
     for (const Eigen::Vector2d& p : photos->features.pixels(photos->features.photos() - 1)) {
       const int x = std::clamp(static_cast<int>(p.x() + 0.5), 0, frame.gray.width() - 1);
       const int y = std::clamp(static_cast<int>(p.y() + 0.5), 0, frame.gray.height() - 1);
-      const uint8_t grey = frame.gray.row(y)[x];
-      const uint8_t* bgr = frame.bgr.empty() ? nullptr : frame.bgr.row(y) + 3 * x;
-      photos->rgb.push_back(bgr ? std::array{bgr[2], bgr[1], bgr[0]} : std::array{grey, grey, grey});
+      photos->rgb.push_back(frame.colors.at(x, y, frame.gray.row(y)[x]));
     }
     input->timestamps.push_back(frame.timestamp);
     input->names.push_back(frame.name);
     input->keyframe.push_back(1);
-    input->sizes.emplace_back(frame.gray.width(), frame.gray.height());
+    input->defects.push_back(frame.defect);
+    if (frame.defect.empty()) {
+      input->sizes.emplace_back(frame.gray.width(), frame.gray.height());
+    } else {
+      input->sizes.emplace_back(source.width(), source.height());
+    }
     if (input->sizes.size() > kMaxPhotos) {
       return bad_input(fmt::format("{}: more than {} images; allowed as photos: at most {}",
                                    source.description(), kMaxPhotos, kMaxPhotos));
@@ -164,6 +167,7 @@ std::string differing_sizes(const SolveSettings& settings) {
     const Result<std::optional<InputFrame>> frame = source.next();
     if (!frame || !*frame) return "";
     const GrayImage& image = (*frame)->gray;
+    if (!(*frame)->defect.empty()) continue;
     if (image.width() == source.width() && image.height() == source.height()) continue;
     return fmt::format("{} is {}x{}, the first image {}x{}", (*frame)->name, image.width(), image.height(),
                        source.width(), source.height());
@@ -177,11 +181,13 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
   if (settings.images == "photos") return tracks_from_photos(settings, callbacks);
   Result<SolveInput> video = tracks_from_video(settings, callbacks);
   if (settings.images == "video") return video;
-  if (!video) {
+  if (!video) return video;
+  if (std::ranges::any_of(video->defects, [](const std::string& defect) { return !defect.empty(); })) {
     const std::string why = differing_sizes(settings);
-    if (why.empty()) return video;
-    tell(callbacks.event, Event::Level::kInfo, kPhotos + why);
-    return tracks_from_photos(settings, callbacks);
+    if (!why.empty()) {
+      tell(callbacks.event, Event::Level::kInfo, kPhotos + why);
+      return tracks_from_photos(settings, callbacks);
+    }
   }
   if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxPhotos) {
     return video;

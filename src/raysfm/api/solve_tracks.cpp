@@ -56,7 +56,7 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
     if (seen.track < 0) {
       seen = {input_.tracks.point_count++, camera.features.pixels[i]};
       last_frame_.push_back(frames() - 1);
-      input_.rgb.push_back(color_at(camera, seen.place));
+      input_.rgb.push_back(camera.rgb[i]);
       input_.tracks.add(frames() - 1, seen.track, seen.place.cast<double>());
     }
     followed.track.push_back(seen.track);
@@ -93,10 +93,12 @@ void TrackJoiner::follow(const Followed& followed, const CameraView& camera,
 }
 
 void TrackJoiner::add(const ViewPtr& view) {
-  const CameraView& camera = view->cameras[0];
   input_.timestamps.push_back(view->timestamp);
   input_.names.push_back(view->name);
   input_.keyframe.push_back(0);
+  input_.defects.push_back(view->defect);
+  if (!view->defect.empty()) return;
+  const CameraView& camera = view->cameras[0];
   input_.tracks.image_size = {camera.width, camera.height};
   std::vector<Sighting> sightings(camera.features.size());
   int matched_with_newest = 0;
@@ -156,7 +158,10 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
     }
     if (callbacks.progress) callbacks.progress("frame", joiner.frames(), source.frame_count());
   }
-  if (!interrupted) tell(Event::Level::kWarning, source.note());
+  if (!interrupted) {
+    tell(Event::Level::kWarning, source.note());
+    tell(Event::Level::kWarning, stream.note());
+  }
   if (joiner.frames() == 0) return bad_input(fmt::format("{}: no frames", source.description()));
   SolveInput result = joiner.finish();
   result.interrupted = interrupted;

@@ -108,12 +108,18 @@ Result<void> choose_methods(TrackSettings* settings) {
   return choose(kStarts, "--start", settings->start, &settings->odometry.start);
 }
 
+// What the images of a frame show.
+struct Sight {
+  int corners = 0;
+  std::string defect;
+};
+
 // Where nothing can be seen, that is the reason, and not what came of it later.
-void explain_blind_frames(const std::vector<int>& corners, Reconstruction* reconstruction) {
-  for (size_t i = 0; i < corners.size(); ++i) {
+void explain_blind_frames(const std::vector<Sight>& sights, Reconstruction* reconstruction) {
+  for (size_t i = 0; i < sights.size(); ++i) {
     PosedFrame& frame = reconstruction->frames[i];
-    if (frame.world_from_rig || corners[i] >= kMinCorners) continue;
-    frame.reason = fmt::format("too few corners: {}, at least {} are needed", corners[i], kMinCorners);
+    if (frame.world_from_rig || !sights[i].defect.empty() || sights[i].corners >= kMinCorners) continue;
+    frame.reason = fmt::format("too few corners: {}, at least {} are needed", sights[i].corners, kMinCorners);
   }
 }
 
@@ -150,10 +156,10 @@ std::string camera_source(const TrackSettings& settings, const Input& input) {
   return input.calibration_file ? input.calibration_file->string() : settings.inputs[0];
 }
 
-int count_corners(const View& view) {
-  int corners = 0;
-  for (const CameraView& camera : view.cameras) corners += camera.features.size();
-  return corners;
+Sight sight_of(const View& view) {
+  Sight sight{0, view.defect};
+  for (const CameraView& camera : view.cameras) sight.corners += camera.features.size();
+  return sight;
 }
 
 }  // namespace
@@ -173,23 +179,25 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
 
   TrackResult out;
   Odometry odometry(sources->rig, settings.odometry, callbacks.event);
-  std::vector<int> corners;
+  std::vector<Sight> sights;
+  bool checked = false;
   for (;;) {
     out.interrupted = callbacks.stop && callbacks.stop->load();
     if (out.interrupted) break;
     Result<ViewPtr> view = stream.next();
     if (!view) return view.error();
     if (!*view) break;
-    if (corners.empty()) {
+    if (!checked && (*view)->defect.empty()) {
+      checked = true;
       if (auto problem = opposite_extrinsics(odometry.rig(), **view)) {
         return bad_input(fmt::format("{}: {}", camera_source(settings, sources->input), *problem));
       }
     }
-    corners.push_back(count_corners(**view));
+    sights.push_back(sight_of(**view));
     odometry.process(*view);
     if (callbacks.progress) callbacks.progress({odometry.frames(), source.frame_count(), odometry.posed()});
   }
-  if (corners.empty() && !out.interrupted) {
+  if (sights.empty() && !out.interrupted) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
   if (!out.interrupted) {
@@ -198,7 +206,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
 
   out.reconstruction = odometry.finish(settings.final == "global");
-  explain_blind_frames(corners, &out.reconstruction);
+  explain_blind_frames(sights, &out.reconstruction);
   out.report = make_report(settings, odometry, stream.finish());
   out.report.wall_s = milliseconds_since(start) / 1000.0;
   out.report.frames_per_second = odometry.frames() / out.report.wall_s;

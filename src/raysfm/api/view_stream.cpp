@@ -8,13 +8,10 @@ namespace {
 
 constexpr size_t kAhead = 8;  // views
 
-// The part of an image with `channels` values per pixel that a camera's image is.
-template <typename Pixels>
-Pixels cropped(const Pixels& image, const Roi& roi, int channels) {
-  Pixels part(roi.w * channels, roi.h);
-  for (int y = 0; y < roi.h; ++y) {
-    std::copy_n(image.row(roi.y + y) + roi.x * channels, roi.w * channels, part.row(y));
-  }
+// The part of an image that a camera's image is.
+GrayImage cropped(const GrayImage& image, const Roi& roi) {
+  GrayImage part(roi.w, roi.h);
+  for (int y = 0; y < roi.h; ++y) std::copy_n(image.row(roi.y + y) + roi.x, roi.w, part.row(y));
   return part;
 }
 
@@ -61,15 +58,17 @@ ViewStream::Item ViewStream::detected(Frames frames) const {
   view->frame = frames[0].index;
   view->timestamp = frames[0].timestamp;
   view->name = frames[0].name;
+  for (const InputFrame& frame : frames) {
+    if (view->defect.empty()) view->defect = frame.defect;
+  }
+  if (!view->defect.empty()) return ViewPtr(std::move(view));
   for (size_t c = 0; c < cameras_.size(); ++c) {
     InputFrame& frame = frames[cameras_[c].stream];
     CameraView& image = view->cameras.emplace_back();
     Roi roi = cameras_[c].roi;
     if (roi.w == 0) roi = {0, 0, frame.gray.width(), frame.gray.height()};
-    image.image = owns_stream_[c] ? std::move(frame.gray) : cropped(frame.gray, roi, 1);
-    if (frame.bgr.width() > 0)
-      image.bgr = owns_stream_[c] ? std::move(frame.bgr) : cropped(frame.bgr, roi, 3);
-    detect(detector, cameras_[c].harris, &image);
+    image.image = owns_stream_[c] ? std::move(frame.gray) : cropped(frame.gray, roi);
+    detect(detector, cameras_[c].harris, &image, frame.colors, roi);
   }
   view->detect_ms = milliseconds_since(start);
   return ViewPtr(std::move(view));

@@ -25,7 +25,8 @@ struct CameraInput {
 
 // Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
 // calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
-// first stream that ends, of which note() tells; streams whose timestamps drift apart are an error.
+// first stream that ends, of which note() tells; streams whose timestamps drift apart are an error. A frame
+// with a defect makes the view one.
 class ViewStream {
  public:
   // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
@@ -42,7 +43,7 @@ class ViewStream {
   const StageTiming& finish();
 
   // What the user should know though it is no error; complete once next() has returned null.
-  const std::string& note() const { return sources_.note(); }
+  std::string note() const { return sources_.note(); }
 
  private:
   using Item = Result<ViewPtr>;

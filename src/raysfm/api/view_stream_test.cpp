@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <cstring>
 #include <memory>
 
@@ -29,7 +31,8 @@ class MadeFrames : public FrameSource {
     frame.timestamp = 0.25 * i;
     frame.name = "frame " + std::to_string(i);
     frame.gray = testing_support::random_image(width(), height(), 100 + i);
-    if (colour_) frame.bgr = testing_support::random_image(3 * width(), height(), 200 + i);
+    if (colour_) frame.colors.rgb = testing_support::random_image(3 * width(), height(), 200 + i);
+    if (i == defect_at) frame = {i, 0.25 * i, frame.name, {}, {}, "frame of the test is damaged"};
     return std::optional(std::move(frame));
   }
   int width() const override { return 96; }
@@ -38,6 +41,7 @@ class MadeFrames : public FrameSource {
   std::string description() const override { return "made for a test"; }
 
   std::atomic<int> made = 0;  // calls of next()
+  int defect_at = -1;
 
  private:
   int count_, error_at_;
@@ -50,6 +54,12 @@ bool same_pixels(GrayView a, GrayView b) {
     if (std::memcmp(a.row(y), b.row(y), a.width) != 0) return false;
   }
   return true;
+}
+
+// Noise is sharp: the image is there as taken.
+GrayView picture_of(const CameraView& camera) {
+  EXPECT_EQ(camera.octaves->first(), 0);
+  return camera.octaves->at(0);
 }
 
 using Streams = std::vector<std::unique_ptr<FrameSource>>;
@@ -87,15 +97,16 @@ TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
   ASSERT_EQ(views.size(), size_t{kFrames});
   HarrisDetector detector;
   for (int i = 0; i < kFrames; ++i) {
-    const InputFrame frame = std::move(**alone.next());
+    InputFrame frame = std::move(**alone.next());
     EXPECT_EQ(views[i]->frame, i);
     EXPECT_EQ(views[i]->timestamp, 0.25 * i);
     EXPECT_EQ(views[i]->name, frame.name);
-    EXPECT_TRUE(same_pixels(views[i]->cameras[0].image, frame.gray)) << i;
-    Features expected;
-    detector.detect(frame.gray, kOptions, &expected);
-    ASSERT_GT(expected.size(), 20);
-    EXPECT_EQ(views[i]->cameras[0].features.pixels, expected.pixels) << i;
+    EXPECT_TRUE(same_pixels(picture_of(views[i]->cameras[0]), frame.gray)) << i;
+    CameraView expected;
+    expected.image = std::move(frame.gray);
+    detect(detector, kOptions, &expected);
+    ASSERT_GT(expected.features.size(), 20);
+    EXPECT_EQ(views[i]->cameras[0].features.pixels, expected.features.pixels) << i;
   }
   Result<ViewPtr> after = stream.next();
   ASSERT_TRUE(after);
@@ -110,9 +121,15 @@ TEST_P(ViewStreamTest, APartOfTheFramesIsCut) {
   ViewStream stream(one.streams, {{0, roi, kOptions}}, GetParam());
   for (const ViewPtr& view : all_views(stream)) {
     const InputFrame frame = std::move(**alone.next());
-    const GrayView gray = frame.gray.view(), bgr = frame.bgr.view();
-    EXPECT_TRUE(same_pixels(view->cameras[0].image, {gray.row(7) + 10, 64, 48, gray.stride}));
-    EXPECT_TRUE(same_pixels(view->cameras[0].bgr, {bgr.row(7) + 30, 192, 48, bgr.stride}));
+    const GrayView gray = frame.gray.view();
+    const CameraView& camera = view->cameras[0];
+    EXPECT_TRUE(same_pixels(picture_of(camera), {gray.row(7) + 10, 64, 48, gray.stride}));
+    ASSERT_EQ(camera.rgb.size(), camera.features.pixels.size());
+    for (int k = 0; k < camera.features.size(); ++k) {
+      const int x = static_cast<int>(std::lround(camera.features.pixels[k].x())) + 10;
+      const int y = static_cast<int>(std::lround(camera.features.pixels[k].y())) + 7;
+      for (int c = 0; c < 3; ++c) ASSERT_EQ(camera.rgb[k][c], frame.colors.rgb.row(y)[3 * x + c]);
+    }
   }
   EXPECT_EQ(one.source().made, 4) << "three frames and the end";
 }
@@ -130,10 +147,12 @@ TEST_P(ViewStreamTest, CamerasShareAStreamOrHaveOneEach) {
     const InputFrame frame = std::move(**alone.next());
     const GrayView gray = frame.gray.view();
     ASSERT_EQ(view->cameras.size(), 3u);
-    EXPECT_TRUE(same_pixels(view->cameras[0].image, {gray.row(0), 48, 64, gray.stride}));
-    EXPECT_TRUE(same_pixels(view->cameras[1].image, gray));
-    EXPECT_TRUE(same_pixels(view->cameras[2].image, {gray.row(0) + 48, 48, 64, gray.stride}));
-    EXPECT_FALSE(view->cameras[1].bgr.empty());
+    EXPECT_TRUE(same_pixels(picture_of(view->cameras[0]), {gray.row(0), 48, 64, gray.stride}));
+    EXPECT_TRUE(same_pixels(picture_of(view->cameras[1]), gray));
+    EXPECT_TRUE(same_pixels(picture_of(view->cameras[2]), {gray.row(0) + 48, 48, 64, gray.stride}));
+    const auto coloured = [](const std::array<uint8_t, 3>& rgb) { return rgb[0] != rgb[1]; };
+    EXPECT_TRUE(std::ranges::any_of(view->cameras[1].rgb, coloured));
+    EXPECT_TRUE(std::ranges::none_of(view->cameras[0].rgb, coloured));
   }
   EXPECT_EQ(stream.note(), "");
 }
@@ -162,6 +181,21 @@ TEST_P(ViewStreamTest, AnErrorComesInItsTurnAndEndsTheStream) {
   Result<ViewPtr> after = stream.next();
   ASSERT_TRUE(after);
   EXPECT_EQ(*after, nullptr);
+}
+
+TEST_P(ViewStreamTest, ADefectOfOneStreamIsOneOfTheViewAndNothingEnds) {
+  Streams streams;
+  for (int i = 0; i < 2; ++i) streams.push_back(std::make_unique<MadeFrames>(6));
+  static_cast<MadeFrames&>(*streams[1]).defect_at = 3;
+  ViewStream stream(streams, {{0, {}, kOptions}, {1, {}, kOptions}}, GetParam());
+  const std::vector<ViewPtr> views = all_views(stream);
+  ASSERT_EQ(views.size(), 6u);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(views[i]->frame, i);
+    EXPECT_EQ(views[i]->timestamp, 0.25 * i);
+    EXPECT_EQ(views[i]->defect, i == 3 ? "frame of the test is damaged" : "");
+    EXPECT_EQ(views[i]->cameras.size(), i == 3 ? 0u : 2u);
+  }
 }
 
 TEST_P(ViewStreamTest, NoFramesAreNoViews) {

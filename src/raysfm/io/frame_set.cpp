@@ -38,15 +38,24 @@ Result<std::vector<InputFrame>> FrameSetReader::next() {
   }
   if (ended) {
     if (!frames.empty()) {
-      note_ = fmt::format("{} ends after {} frames where others go on; these are left out",
-                          ended->description(), frames_);
+      end_note_ = fmt::format("{} ends after {} frames where others go on; these are left out",
+                              ended->description(), frames_);
     }
     return std::vector<InputFrame>{};
   }
   const Result<void> in_step = check_step(frames);
   if (!in_step) return in_step.error();
   ++frames_;
+  const auto defect =
+      std::ranges::find_if(frames, [](const InputFrame& frame) { return !frame.defect.empty(); });
+  if (defect != frames.end() && defects_++ == 0) first_defect_ = defect->defect;
   return frames;
+}
+
+std::string FrameSetReader::note() const {
+  if (defects_ == 0) return end_note_;
+  return fmt::format("{} of {} frames cannot be used, the first: {}{}{}", defects_, frames_, first_defect_,
+                     end_note_.empty() ? "" : "; ", end_note_);
 }
 
 }  // namespace raysfm

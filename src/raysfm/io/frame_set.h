@@ -19,14 +19,16 @@ class FrameSetReader {
   // interval or more (from the second frame on, when the interval is known).
   Result<std::vector<InputFrame>> next();
 
-  // What the user should know: that a stream goes on where another ends. Empty: nothing.
-  const std::string& note() const { return note_; }
+  // What the user should know: how many frames have a defect, that a stream goes on where another ends.
+  // Empty: nothing.
+  std::string note() const;
 
  private:
   Result<void> check_step(const std::vector<InputFrame>& frames);
 
   const std::vector<std::unique_ptr<FrameSource>>& streams_;
-  std::string note_;
+  std::string end_note_, first_defect_;
+  size_t defects_ = 0;         // sets with one
   double last_timestamp_ = 0;  // of the first stream
   double first_offset_ = 0;    // largest difference of timestamps in the first frame
   size_t frames_ = 0;

@@ -9,6 +9,7 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/core/result.h"
+#include "raysfm/image/color_planes.h"
 #include "raysfm/image/image.h"
 
 namespace raysfm {
@@ -18,12 +19,13 @@ struct InputFrame {
   double timestamp = 0;  // seconds: from the container or the layout, else index / fps, else index
   std::string name;      // file name without folders, or "frame-000012" for a video
   GrayImage gray;
-  Image<uint8_t> bgr;  // blue, green, red of a pixel side by side: width 3 * gray.width(); empty when the
-                       // source is grey
+  ColorPlanes colors;
+  // Why there is no image, or none of the size of the stream: one line that names the file. Empty: there is.
+  std::string defect;
 };
 
-// One stream of frames. All frames of a stream have the size of its first. An object may be handed from
-// thread to thread, but only one may call it at a time.
+// One stream of frames. All frames of a stream without a defect have one size, that of the first such. An
+// object may be handed from thread to thread, but only one may call it at a time.
 class FrameSource {
  public:
   virtual ~FrameSource() = default;

@@ -64,7 +64,8 @@ DecodedImage converted(cv::Mat mat) {
   cv::Mat gray;
   cv::cvtColor(mat, gray, cv::COLOR_BGR2GRAY);
   image.gray = copied<GrayImage>(gray);
-  image.bgr = copied<Image<uint8_t>>(mat);
+  cv::cvtColor(mat, mat, cv::COLOR_BGR2RGB);
+  image.colors.rgb = copied<Image<uint8_t>>(mat);
   return image;
 }
 

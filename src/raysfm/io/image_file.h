@@ -4,13 +4,14 @@
 #include <optional>
 
 #include "raysfm/core/result.h"
+#include "raysfm/image/color_planes.h"
 #include "raysfm/image/image.h"
 
 namespace raysfm {
 
 struct DecodedImage {
   GrayImage gray;
-  Image<uint8_t> bgr;  // width 3 * gray.width(); empty where the file is grey
+  ColorPlanes colors;
 };
 
 // Whether the file begins like an image: PNG, JPEG, BMP, TIFF, PNM or WebP. The name does not matter.

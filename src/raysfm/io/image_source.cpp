@@ -23,34 +23,34 @@ bool is_digit(char c) {
 
 class ImageSource : public FrameSource {
  public:
+  // `first`: the first image that can be decoded, `first_index` its place among the files.
   ImageSource(std::string what, std::vector<fs::path> files, std::vector<double> timestamps,
-              DecodedImage first)
+              size_t first_index, DecodedImage first)
       : what_(std::move(what)),
         files_(std::move(files)),
         timestamps_(std::move(timestamps)),
         width_(first.gray.width()),
         height_(first.gray.height()),
+        first_index_(first_index),
         first_(std::move(first)) {}
 
   Result<std::optional<InputFrame>> next() override {
     if (index_ >= files_.size()) return std::optional<InputFrame>();
-    const size_t index = index_;
-    index_ = files_.size();  // stays there after an error
-    Result<DecodedImage> image =
-        first_ ? Result<DecodedImage>(*std::exchange(first_, std::nullopt)) : read_image(files_[index]);
-    if (!image) return image.error();
-    if (!any_size_ && (image->gray.width() != width_ || image->gray.height() != height_)) {
-      return bad_input(fmt::format("{}: {} x {} pixels; allowed: the {} x {} of the first, {}",
-                                   files_[index].string(), image->gray.width(), image->gray.height(), width_,
-                                   height_, files_.front().filename().string()));
+    const size_t index = index_++;
+    Result<DecodedImage> image = decode(index);
+    if (!image && image.error().kind != ErrorKind::kBadInput) {
+      index_ = files_.size();
+      return image.error();
     }
-    index_ = index + 1;
     InputFrame frame;
     frame.index = static_cast<int>(index);
     frame.timestamp = timestamps_[index];
     frame.name = files_[index].filename().string();
-    frame.gray = std::move(image->gray);
-    frame.bgr = std::move(image->bgr);
+    frame.defect = image ? odd_size(index, image->gray) : image.error().message;
+    if (frame.defect.empty()) {
+      frame.gray = std::move(image->gray);
+      frame.colors = std::move(image->colors);
+    }
     return std::optional<InputFrame>(std::move(frame));
   }
 
@@ -63,11 +63,23 @@ class ImageSource : public FrameSource {
   }
 
  private:
+  Result<DecodedImage> decode(size_t index) {
+    if (index == first_index_ && first_) return *std::exchange(first_, std::nullopt);
+    return read_image(files_[index]);
+  }
+  std::string odd_size(size_t index, const GrayImage& image) const {
+    if (any_size_ || (image.width() == width_ && image.height() == height_)) return {};
+    return fmt::format("{}: {} x {} pixels; allowed: the {} x {} of the first, {}", files_[index].string(),
+                       image.width(), image.height(), width_, height_,
+                       files_[first_index_].filename().string());
+  }
+
   std::string what_;
   std::vector<fs::path> files_;
   std::vector<double> timestamps_;
   int width_, height_;
   bool any_size_ = false;
+  size_t first_index_;
   std::optional<DecodedImage> first_;
   size_t index_ = 0;
 };
@@ -154,10 +166,16 @@ Result<std::unique_ptr<FrameSource>> open_images(std::string what, std::vector<f
     if (!fs::is_regular_file(file, failure))
       return bad_input(file.string() + ": no such file; allowed: an image");
   }
-  Result<DecodedImage> first = read_image(files.front());
-  if (!first) return first.error();
-  return std::unique_ptr<FrameSource>(std::make_unique<ImageSource>(
-      std::move(what), std::move(files), std::move(timestamps), std::move(*first)));
+  std::optional<Error> damaged;
+  for (size_t i = 0; i < files.size(); ++i) {
+    Result<DecodedImage> first = read_image(files[i]);
+    if (first) {
+      return std::unique_ptr<FrameSource>(std::make_unique<ImageSource>(
+          std::move(what), std::move(files), std::move(timestamps), i, std::move(*first)));
+    }
+    if (!damaged) damaged = first.error();
+  }
+  return *damaged;
 }
 
 std::vector<double> index_timestamps(size_t count, double fps) {

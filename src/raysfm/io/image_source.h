@@ -10,7 +10,9 @@
 namespace raysfm {
 
 // Frames that are image files, in this order, with strictly increasing timestamps (as many). `what` begins
-// the description. The first image is decoded here, so that size and readability are known at once.
+// the description. The first image that can be decoded is decoded here, so that the size is known at once;
+// one that is damaged, of another size or no longer there is a frame with a defect. Errors: bad input, where
+// a file is missing or none can be decoded.
 Result<std::unique_ptr<FrameSource>> open_images(std::string what, std::vector<std::filesystem::path> files,
                                                  std::vector<double> timestamps);
 

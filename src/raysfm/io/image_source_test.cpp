@@ -40,12 +40,12 @@ TEST(ImageFile, DecodesEveryFormatWhateverItsName) {
       EXPECT_NEAR(image->gray.row(8)[16], 90, 2) << extension;
     } else {
       EXPECT_TRUE(same_pixels(image->gray, expected)) << extension;
-      EXPECT_TRUE(image->bgr.empty() || extension == std::string(".bmp"));
+      EXPECT_TRUE(image->colors.empty() || extension == std::string(".bmp"));
     }
   }
 }
 
-TEST(ImageFile, ColourGivesGreyAndBgr) {
+TEST(ImageFile, ColourGivesGreyAndColours) {
   const TemporaryFolder folder;
   cv::Mat colour(5, 7, CV_8UC3);
   colour.setTo(cv::Scalar(10, 100, 200));
@@ -56,11 +56,8 @@ TEST(ImageFile, ColourGivesGreyAndBgr) {
   ASSERT_TRUE(image);
   EXPECT_NEAR(image->gray.row(0)[0], 0.299 * 200 + 0.587 * 100 + 0.114 * 10, 1);
   EXPECT_NEAR(image->gray.row(2)[3], 0.114 * 255, 1);
-  ASSERT_EQ(image->bgr.width(), 21);
-  EXPECT_EQ(image->bgr.row(0)[0], 10);
-  EXPECT_EQ(image->bgr.row(0)[1], 100);
-  EXPECT_EQ(image->bgr.row(0)[2], 200);
-  EXPECT_EQ(image->bgr.row(2)[9], 255);
+  EXPECT_EQ(image->colors.at(0, 0, 0), (std::array<uint8_t, 3>{200, 100, 10}));
+  EXPECT_EQ(image->colors.at(3, 2, 0), (std::array<uint8_t, 3>{0, 0, 255}));
 }
 
 TEST(ImageFile, SixteenBitsAreScaledToEight) {
@@ -133,6 +130,39 @@ TEST(ImageFile, MasksAreBlackAndWhiteAndOfTheRightSize) {
   const Result<GrayImage> wrong = read_mask(path, 6, 5);
   ASSERT_FALSE(wrong);
   EXPECT_NE(wrong.error().message.find("6 x 4"), std::string::npos);
+}
+
+// Frames that cannot be used keep their place, wherever they are.
+TEST(ImageSource, DamagedMissingEmptyAndOddImagesAreDefects) {
+  const TemporaryFolder folder;
+  write_images(folder.path(), 8);
+  folder.file("0.png", "damaged");
+  folder.file("2.png", "");
+  cv::imwrite((folder.path() / "4.png").string(), pattern(30, 24, 4));
+  folder.file("7.png", content_of(folder.path() / "7.png").substr(0, 60));
+  std::vector<double> times;
+  for (int i = 0; i < 8; ++i) times.push_back(10 + 0.5 * i);
+  auto source = open_images("images", *list_images(folder.path()), times);
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_EQ((*source)->width(), 32) << "of the first good one";
+  std::filesystem::remove(folder.path() / "5.png");  // after it was listed
+  for (int i = 0; i < 8; ++i) {
+    const Result<std::optional<InputFrame>> next = (*source)->next();
+    ASSERT_TRUE(next && *next) << i;
+    const InputFrame& frame = **next;
+    EXPECT_EQ(frame.index, i);
+    EXPECT_EQ(frame.timestamp, 10 + 0.5 * i);
+    EXPECT_EQ(frame.name, std::to_string(i) + ".png");
+    if (i == 1 || i == 3 || i == 6) {
+      EXPECT_EQ(frame.defect, "");
+      EXPECT_TRUE(same_pixels(frame.gray, pattern(32, 24, i))) << i;
+    } else {
+      EXPECT_NE(frame.defect.find(frame.name), std::string::npos) << frame.defect;
+      EXPECT_EQ(frame.defect.find('\n'), std::string::npos) << frame.defect;
+      EXPECT_TRUE(frame.gray.empty());
+    }
+  }
+  EXPECT_FALSE(*(*source)->next());
 }
 
 TEST(ListImages, NaturalOrderByContentOrName) {

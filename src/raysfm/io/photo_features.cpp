@@ -32,6 +32,11 @@ PhotoFeatures::PhotoFeatures() : photos_(std::make_unique<Photos>()) {}
 PhotoFeatures::~PhotoFeatures() = default;
 
 void PhotoFeatures::add(const GrayView& image, int max_features) {
+  if (image.empty()) {
+    photos_->pixels.emplace_back();
+    photos_->descriptors.emplace_back();
+    return;
+  }
   // OpenCV takes pixels that can be written to, and leaves them alone.
   const cv::Mat pixels(image.height, image.width, CV_8UC1, const_cast<uint8_t*>(image.data),
                        static_cast<size_t>(image.stride));

@@ -18,7 +18,8 @@ class PhotoFeatures {
   PhotoFeatures(const PhotoFeatures&) = delete;
   PhotoFeatures& operator=(const PhotoFeatures&) = delete;
 
-  // The next photo and at most `max_features` of its points, the strongest; max_features > 0.
+  // The next photo and at most `max_features` of its points, the strongest; max_features > 0. A photo without
+  // pixels has none.
   void add(const GrayView& image, int max_features);
   int photos() const;
   // Pixels of the points of a photo; centre of the first pixel at (0, 0).

@@ -65,12 +65,12 @@ void copy_luma(const AVFrame& frame, const AVPixFmtDescriptor& format, GrayImage
   }
 }
 
-void gray_of(const Image<uint8_t>& bgr, GrayImage* gray) {
+void gray_of(const Image<uint8_t>& rgb, GrayImage* gray) {
   for (int y = 0; y < gray->height(); ++y) {
-    const uint8_t* in = bgr.row(y);
+    const uint8_t* in = rgb.row(y);
     uint8_t* out = gray->row(y);
     for (int x = 0; x < gray->width(); ++x, in += 3) {
-      out[x] = static_cast<uint8_t>((29 * in[0] + 150 * in[1] + 77 * in[2] + 128) >> 8);
+      out[x] = static_cast<uint8_t>((77 * in[0] + 150 * in[1] + 29 * in[2] + 128) >> 8);
     }
   }
 }
@@ -81,7 +81,7 @@ VideoFrameConverter::~VideoFrameConverter() {
   sws_freeContext(scaler_);
 }
 
-bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, Image<uint8_t>* bgr) {
+bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, ColorPlanes* colors) {
   const AVPixelFormat pixels = static_cast<AVPixelFormat>(frame.format);
   const AVPixFmtDescriptor* format = av_pix_fmt_desc_get(pixels);
   if (!format) return false;
@@ -91,16 +91,16 @@ bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, Image<u
   if (luma && format->nb_components <= 2) return true;
 
   scaler_ = sws_getCachedContext(scaler_, frame.width, frame.height, pixels, frame.width, frame.height,
-                                 AV_PIX_FMT_BGR24, SWS_BILINEAR, nullptr, nullptr, nullptr);
+                                 AV_PIX_FMT_RGB24, SWS_BILINEAR, nullptr, nullptr, nullptr);
   if (!scaler_) return false;
   sws_setColorspaceDetails(scaler_, sws_getCoefficients(frame.colorspace), is_full_range(frame, *format),
                            sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16, 1 << 16);
-  *bgr = Image<uint8_t>(3 * frame.width, frame.height);
-  uint8_t* planes[4] = {bgr->row(0), nullptr, nullptr, nullptr};
-  const int strides[4] = {static_cast<int>(bgr->view().stride), 0, 0, 0};
+  colors->rgb = Image<uint8_t>(3 * frame.width, frame.height);
+  uint8_t* planes[4] = {colors->rgb.row(0), nullptr, nullptr, nullptr};
+  const int strides[4] = {static_cast<int>(colors->rgb.view().stride), 0, 0, 0};
   if (sws_scale(scaler_, frame.data, frame.linesize, 0, frame.height, planes, strides) != frame.height)
     return false;
-  if (!luma) gray_of(*bgr, gray);
+  if (!luma) gray_of(colors->rgb, gray);
   return true;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "raysfm/image/color_planes.h"
 #include "raysfm/image/image.h"
 
 struct AVFrame;
@@ -19,8 +20,8 @@ class VideoFrameConverter {
   VideoFrameConverter(const VideoFrameConverter&) = delete;
   VideoFrameConverter& operator=(const VideoFrameConverter&) = delete;
 
-  // False where the format of the pixels cannot be converted. `bgr` stays empty where the frame is grey.
-  bool convert(const AVFrame& frame, GrayImage* gray, Image<uint8_t>* bgr);
+  // False where the format of the pixels cannot be converted. `colors` stay empty where the frame is grey.
+  bool convert(const AVFrame& frame, GrayImage* gray, ColorPlanes* colors);
 
  private:
   SwsContext* scaler_ = nullptr;

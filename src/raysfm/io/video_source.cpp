@@ -12,6 +12,7 @@ extern "C" {
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -48,12 +49,14 @@ class VideoSource : public FrameSource {
  public:
   VideoSource(std::string path, double fps) : path_(std::move(path)), fps_(fps) {}
 
-  // Opens, and decodes the first frame.
+  // Opens, and decodes up to the first frame without a defect.
   Result<void> open(const char* device_format);
 
   Result<std::optional<InputFrame>> next() override {
-    if (first_) return std::exchange(first_, std::nullopt);
-    return decode();
+    if (ahead_.empty()) return decode();
+    std::optional<InputFrame> frame = std::move(ahead_.front());
+    ahead_.pop_front();
+    return frame;
   }
 
   int width() const override { return width_; }
@@ -71,6 +74,7 @@ class VideoSource : public FrameSource {
  private:
   Result<std::optional<InputFrame>> decode();
   Result<std::optional<InputFrame>> to_input_frame();
+  std::string defect();
   Result<void> open_codec();
   void find_rotation();
   void feed();
@@ -85,7 +89,7 @@ class VideoSource : public FrameSource {
   std::unique_ptr<AVPacket, FreePacket> packet_{av_packet_alloc()};
   AVStream* stream_ = nullptr;  // of format_
   VideoFrameConverter converter_;
-  std::optional<InputFrame> first_;
+  std::deque<InputFrame> ahead_;  // up to the first that gave the size
   int width_ = 0, height_ = 0;
   double rate_ = 0;  // frames per second that the container says, or 25
   int index_ = 0;
@@ -123,11 +127,14 @@ Result<void> VideoSource::open(const char* device_format) {
   if (!ready) return ready;
   find_rotation();
 
-  Result<std::optional<InputFrame>> first = decode();
-  if (!first) return first.error();
-  if (!*first)
-    return bad_input(path_ + ": the video has no frame that can be decoded; allowed: at least one");
-  first_ = std::move(**first);
+  while (ahead_.empty() || !ahead_.back().defect.empty()) {
+    Result<std::optional<InputFrame>> frame = decode();
+    if (!frame) return frame.error();
+    if (!*frame && !ahead_.empty()) return bad_input(ahead_.front().defect);
+    if (!*frame)
+      return bad_input(path_ + ": the video has no frame that can be decoded; allowed: at least one");
+    ahead_.push_back(std::move(**frame));
+  }
   return {};
 }
 
@@ -184,8 +191,6 @@ Result<std::optional<InputFrame>> VideoSource::decode() {
       ++damaged_;
       if (++failures_in_a_row_ > kMaxFailures) done_ = true;
       continue;
-    } else if ((frame_->flags & AV_FRAME_FLAG_CORRUPT) || frame_->decode_error_flags) {
-      ++damaged_;
     } else {
       return to_input_frame();
     }
@@ -207,25 +212,33 @@ double VideoSource::timestamp() {
   return t;
 }
 
-Result<std::optional<InputFrame>> VideoSource::to_input_frame() {
+// Of the frame just decoded; the first without one gives the size.
+std::string VideoSource::defect() {
+  if ((frame_->flags & AV_FRAME_FLAG_CORRUPT) || frame_->decode_error_flags) {
+    return fmt::format("{}: frame {} is damaged", path_, index_);
+  }
+  if (frame_->width > kMaxVideoSide || frame_->height > kMaxVideoSide) {
+    return fmt::format("{}: frame {} has {} x {} pixels; allowed: sides up to {}", path_, index_,
+                       frame_->width, frame_->height, kMaxVideoSide);
+  }
   if (width_ == 0) {
     width_ = frame_->width;
     height_ = frame_->height;
   }
+  if (frame_->width == width_ && frame_->height == height_) return {};
+  return fmt::format("{}: frame {} has {} x {} pixels; allowed: the {} x {} of the first", path_, index_,
+                     frame_->width, frame_->height, width_, height_);
+}
+
+Result<std::optional<InputFrame>> VideoSource::to_input_frame() {
   InputFrame frame;
   frame.index = index_;
   frame.name = fmt::format("frame-{:06}", index_);
-  done_ = true;  // stays so after an error
-  if (frame_->width != width_ || frame_->height != height_ || width_ > kMaxVideoSide ||
-      height_ > kMaxVideoSide) {
-    return bad_input(
-        fmt::format("{}: frame {} has {} x {} pixels; allowed: the {} x {} of the first, sides up to {}",
-                    path_, index_, frame_->width, frame_->height, width_, height_, kMaxVideoSide));
-  }
-  if (!converter_.convert(*frame_, &frame.gray, &frame.bgr)) {
+  frame.defect = defect();
+  if (frame.defect.empty() && !converter_.convert(*frame_, &frame.gray, &frame.colors)) {
+    done_ = true;
     return bad_input(fmt::format("{}: frame {}: pixels of a format that cannot be converted", path_, index_));
   }
-  done_ = false;
   frame.timestamp = last_timestamp_ = timestamp();
   ++index_;
   av_frame_unref(frame_.get());

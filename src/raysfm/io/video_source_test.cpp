@@ -76,7 +76,7 @@ TEST(VideoSource, LimitedRangeIsStretched) {
         const double expected = std::clamp((luma_of(i, x, y) - 16) * 255.0 / 219, 0.0, 255.0);
         ASSERT_NEAR(frame.gray.row(y)[x], expected, 0.5 + 1e-9) << i << " " << x << " " << y;
         // Chroma of grey: all three colours are the grey value, but for rounding in the conversion.
-        for (int c = 0; c < 3; ++c) ASSERT_NEAR(frame.bgr.row(y)[3 * x + c], expected, 3);
+        for (const int level : frame.colors.at(x, y, frame.gray.row(y)[x])) ASSERT_NEAR(level, expected, 3);
       }
     }
   }
@@ -106,7 +106,7 @@ TEST(VideoSource, GreyVideosHaveNoColour) {
   write_video(folder.path() / "v.mkv", recipe);
   const Reading video = read_video(folder.path() / "v.mkv");
   ASSERT_EQ(video.frames.size(), 5u) << video.error;
-  EXPECT_TRUE(video.frames[0].bgr.empty());
+  EXPECT_TRUE(video.frames[0].colors.empty());
   EXPECT_EQ(video.frames[1].gray.row(5)[7], luma_of(1, 7, 5));
 }
 
@@ -145,9 +145,7 @@ TEST(VideoSource, GreyOfRgbIsTheWeightedSum) {
   write_video(folder.path() / "v.mkv", recipe);
   const Reading video = read_video(folder.path() / "v.mkv");
   ASSERT_EQ(video.frames.size(), 5u) << video.error;
-  EXPECT_EQ(video.frames[0].bgr.row(20)[3 * 30], 240);
-  EXPECT_EQ(video.frames[0].bgr.row(20)[3 * 30 + 1], 200);
-  EXPECT_EQ(video.frames[0].bgr.row(20)[3 * 30 + 2], 77);
+  EXPECT_EQ(video.frames[0].colors.at(30, 20, 0), (std::array<uint8_t, 3>{77, 200, 240}));
   EXPECT_NEAR(video.frames[0].gray.row(20)[30], 0.114 * 240 + 0.587 * 200 + 0.299 * 77, 1);
 }
 
@@ -245,8 +243,12 @@ TEST(VideoSource, RealVideoShowsTheImagesItWasMadeFrom) {
     ASSERT_TRUE(image);
     double gray = 0, colour = 0;
     for (int y = 0; y < 480; ++y) {
-      for (int x = 0; x < 640; ++x) gray += std::abs(image->gray.row(y)[x] - video.frames[i].gray.row(y)[x]);
-      for (int x = 0; x < 1920; ++x) colour += std::abs(image->bgr.row(y)[x] - video.frames[i].bgr.row(y)[x]);
+      for (int x = 0; x < 640; ++x) {
+        const uint8_t a = image->gray.row(y)[x], b = video.frames[i].gray.row(y)[x];
+        gray += std::abs(a - b);
+        const auto rgb_a = image->colors.at(x, y, a), rgb_b = video.frames[i].colors.at(x, y, b);
+        for (int c = 0; c < 3; ++c) colour += std::abs(rgb_a[c] - rgb_b[c]);
+      }
     }
     EXPECT_LT(gray / (640 * 480), 3) << i;
     EXPECT_LT(colour / (1920 * 480), 5) << i;

@@ -99,7 +99,7 @@ void start_tracks(const TrackingRig& rig, const View& view, float spacing, int k
       taken.for_each_in(pixel, spacing * octave_side(octave), [&](int) { free = false; });
       if (!free) continue;
       const int track = static_cast<int>(map->tracks.size());
-      map->tracks.emplace_back().rgb = color_at(image, pixel);
+      map->tracks.emplace_back().rgb = image.rgb[i];
       const TrackPixel seen{track, static_cast<uint8_t>(c), octave, pixel};
       if (!observe(rig, seen, keyframe, map)) map->tracks.pop_back();
     }

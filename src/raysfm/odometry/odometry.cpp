@@ -82,10 +82,12 @@ void Odometry::tell(Event::Level level, std::string message) const {
 
 void Odometry::process(ViewPtr view) {
   const Clock::time_point begin = Clock::now();
-  detect_timing_.add(view->detect_ms);
   frames_.emplace_back();
   frames_.back().timestamp = view->timestamp;
   frames_.back().name = view->name;
+  frames_.back().reason = view->defect;
+  if (!view->defect.empty()) return;
+  detect_timing_.add(view->detect_ms);
   if (tracking()) {
     track(view);
   } else if (segments_.empty() || !relocalise(view)) {

@@ -238,7 +238,7 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
     if (!geometry.inlier[i]) continue;
     const int track = static_cast<int>(map.tracks.size());
     map.tracks.push_back({geometry.points_in_rig0[i], true, {}, {}});
-    map.tracks.back().rgb = color_at(views_[first_]->cameras[m.camera], m.seen[0].pixel);
+    map.tracks.back().rgb = views_[first_]->cameras[m.camera].rgb[m.corner];
     match_of_track.push_back(m);
     for (int v = 0; v < 3; ++v) {
       TrackPixel seen = m.seen[v];

@@ -59,6 +59,20 @@ void extract_keyframe_patches(KeyFrameView* out) {
   });
 }
 
+// Of the pixels nearest to the features.
+void take_colors(const ColorPlanes& colors, const Roi& roi, CameraView* view) {
+  const int octave = view->octaves->first();
+  const GrayView image = view->octaves->at(octave);
+  view->rgb.clear();
+  for (const Eigen::Vector2f& pixel : view->features.pixels) {
+    const int x = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, view->width - 1);
+    const int y = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, view->height - 1);
+    const uint8_t grey =
+        image(std::min(x >> octave, image.width - 1), std::min(y >> octave, image.height - 1));
+    view->rgb.push_back(colors.at(roi.x + x, roi.y + y, grey));
+  }
+}
+
 }  // namespace
 
 void copy_patch(const PatchSet& from, int i, int j, PatchSet* to) {
@@ -73,7 +87,8 @@ void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::
   extract_patches(picture.at(octave), in_octave, patches);
 }
 
-void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view) {
+void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view,
+            const ColorPlanes& colors, const Roi& roi) {
   view->width = view->image.width();
   view->height = view->image.height();
   view->octaves = std::make_shared<const Octaves>(std::move(view->image), kMaxPixels);
@@ -105,6 +120,7 @@ void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* 
   int source = octaves.first();
   while (source < octaves.last() && octaves.at(source).width > kThumbnailWidth) ++source;
   view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &view->thumbnail) << source;
+  take_colors(colors, roi, view);
 }
 
 ViewPtr images_of(const View& view) {
@@ -121,20 +137,6 @@ ViewPtr images_of(const View& view) {
 
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
   return estimate_coarse_motion(first.thumbnail, second.thumbnail, static_cast<float>(first.thumbnail_scale));
-}
-
-std::array<uint8_t, 3> color_at(const CameraView& view, const Eigen::Vector2f& pixel) {
-  const int x = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, view.width - 1);
-  const int y = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, view.height - 1);
-  if (view.bgr.empty()) {
-    const GrayView image = view.octaves->at(view.octaves->first());
-    const int u = std::min(x >> view.octaves->first(), image.width - 1);
-    const int v = std::min(y >> view.octaves->first(), image.height - 1);
-    const uint8_t grey = image(u, v);
-    return {grey, grey, grey};
-  }
-  const uint8_t* bgr = view.bgr.row(y) + 3 * x;
-  return {bgr[2], bgr[1], bgr[0]};
 }
 
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig) {

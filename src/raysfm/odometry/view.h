@@ -1,6 +1,8 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -13,6 +15,7 @@
 #include "raysfm/features/harris.h"
 #include "raysfm/features/octaves.h"
 #include "raysfm/features/patches.h"
+#include "raysfm/image/color_planes.h"
 #include "raysfm/image/image.h"
 #include "raysfm/odometry/tracking_rig.h"
 #include "raysfm/scene/map.h"
@@ -22,13 +25,13 @@ namespace raysfm {
 // The image of one camera after detection: everything that later stages need of it. Pixels are those of the
 // image as taken, whatever the octave (features/octaves.h) that something was found in.
 struct CameraView {
-  GrayImage image;     // until detection, which moves it into the octaves
-  Image<uint8_t> bgr;  // empty where the input is grey
+  GrayImage image;  // until detection, which moves it into the octaves
   int width = 0, height = 0;
   std::shared_ptr<const Octaves> octaves;
   Features features;
-  PatchSet patches;                // of the features, in their octaves
-  std::vector<FeatureGrid> grids;  // of the features of octaves->first(), and of those that follow
+  PatchSet patches;                         // of the features, in their octaves
+  std::vector<FeatureGrid> grids;           // of the features of octaves->first(), and of those that follow
+  std::vector<std::array<uint8_t, 3>> rgb;  // of the features; greys where the input is grey
   GrayImage thumbnail;
   int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
 
@@ -45,6 +48,7 @@ struct View {
   double timestamp = 0;  // seconds
   std::string name;
   std::vector<CameraView> cameras;
+  std::string defect;  // why an image cannot be used; empty: none. There are no cameras then
   double detect_ms = 0;
 };
 
@@ -53,8 +57,10 @@ using ViewPtr = std::shared_ptr<const View>;
 // Motion of the image as a whole between two views, told by their thumbnails.
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second);
 
-// Fills all the rest from the image. `detector` holds scratch memory; one per thread.
-void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view);
+// Fills all the rest from the image. `detector` holds scratch memory; one per thread. `colors` are those of
+// the image of which `roi` is the view's.
+void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view,
+            const ColorPlanes& colors = {}, const Roi& roi = {});
 
 // The images of a view without what detection found in them: what remains of it in a key frame.
 ViewPtr images_of(const View& view);
@@ -64,10 +70,6 @@ void copy_patch(const PatchSet& from, int i, int j, PatchSet* to);
 // Patches about pixels in an octave of a picture.
 void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::Vector2f> pixels,
                      PatchSet* patches);
-
-// Colour of the pixel nearest to a place inside the image; a grey of the same brightness where the input is
-// grey.
-std::array<uint8_t, 3> color_at(const CameraView& view, const Eigen::Vector2f& pixel);
 
 // What matching needs of a key frame, beside its geometry in the map. The vectors run over the features of
 // the map's key frame.
