@@ -13,21 +13,17 @@ constexpr float kSoftEdge = 1.5f;
 constexpr int kCoarser = 3;   // octaves above the first: for patches seen from afar
 constexpr int kMinSide = 48;  // pixels
 
-bool too_fine(const GrayView& image, int max_pixels) {
-  if (int64_t{image.width} * image.height > max_pixels) return true;
-  return edge_width(image) > kSoftEdge;
-}
-
 }  // namespace
 
 Octaves::Octaves(GrayImage image, int max_pixels) {
   const auto has_half = [](const GrayImage& i) { return std::min(i.width(), i.height()) >= 2 * kMinSide; };
-  GrayImage half;
-  while (has_half(image) && too_fine(image.view(), max_pixels)) {
+  for (;; ++first_) {
+    const bool too_large = int64_t{image.width()} * image.height() > max_pixels;
+    softness_ = too_large ? 0 : edge_width(image.view());
+    if (!has_half(image) || (!too_large && softness_ <= kSoftEdge)) break;
+    GrayImage half;
     half_sample(image.view(), &half);
-    std::swap(image, half);
-    half = {};
-    ++first_;
+    image = std::move(half);
   }
   images_.push_back(std::move(image));
   while (static_cast<int>(images_.size()) <= kCoarser && has_half(images_.back())) {

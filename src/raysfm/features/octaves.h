@@ -31,6 +31,9 @@ class Octaves {
   // which edges are no wider than kSoftEdge (sharpness.h).
   Octaves(GrayImage image, int max_pixels);
 
+  // edge_width() of the first octave, in its pixels; 0 where nothing tells it.
+  float softness() const { return softness_; }
+
   int first() const { return first_; }
   int last() const { return first_ + static_cast<int>(images_.size()) - 1; }
   int clamp(int octave) const { return std::clamp(octave, first(), last()); }
@@ -40,6 +43,7 @@ class Octaves {
 
  private:
   int first_ = 0;
+  float softness_ = 0;
   std::vector<GrayImage> images_;
 };
 
