@@ -101,24 +101,35 @@ inline ViewPtr as_view(GrayImage image, int frame, int features = 600) {
   return view;
 }
 
-// What the camera sees, with normal noise of two grey levels; `seed` is of the noise.
-inline ViewPtr film(const PanelWorld& world, const Camera& camera, const Rigid3& rig_from_world, int frame,
-                    uint64_t seed = 0) {
+// What the camera sees, with normal noise of two grey levels.
+inline GrayImage picture(const PanelWorld& world, const Camera& camera, const Rigid3& rig_from_world,
+                         Rng& rng) {
   GrayImage image(camera.width, camera.height);
-  Rng rng(seed, static_cast<uint64_t>(frame));
   for (int y = 0; y < camera.height; ++y) {
     for (int x = 0; x < camera.width; ++x) {
       const double light = world.grey(world_ray(camera, rig_from_world, {x, y}));
       image.row(y)[x] = to_grey(light + 2.0 * rng.normal());
     }
   }
-  return as_view(std::move(image), frame);
+  return image;
+}
+
+// The picture of a frame; `seed` is of the noise.
+inline ViewPtr film(const PanelWorld& world, const Camera& camera, const Rigid3& rig_from_world, int frame,
+                    uint64_t seed = 0) {
+  Rng rng(seed, static_cast<uint64_t>(frame));
+  return as_view(picture(world, camera, rig_from_world, rng), frame);
+}
+
+// One grey level everywhere.
+inline GrayImage flat_image(int width, int height, uint8_t grey) {
+  GrayImage image(width, height);
+  for (int y = 0; y < height; ++y) std::fill_n(image.row(y), width, grey);
+  return image;
 }
 
 inline ViewPtr black_view(int width, int height, int frame) {
-  GrayImage image(width, height);
-  for (int y = 0; y < height; ++y) std::fill_n(image.row(y), width, uint8_t{0});
-  return as_view(std::move(image), frame);
+  return as_view(flat_image(width, height, 0), frame);
 }
 
 // Degrees between two orientations.

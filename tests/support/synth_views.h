@@ -13,12 +13,18 @@ namespace raysfm::testing_support {
 
 // A rendered sequence: what the camera sees and where it was.
 struct SynthViews {
-  std::vector<ViewPtr> views;
+  std::vector<GrayImage> images;
   std::vector<Rigid3> world_from_rig;
+
+  int size() const { return static_cast<int>(images.size()); }
+  ViewPtr view(int i, int frame) const {
+    GrayImage image(images[i].width(), images[i].height());
+    for (int y = 0; y < image.height(); ++y) std::copy_n(images[i].row(y), image.width(), image.row(y));
+    return as_view(std::move(image), frame);
+  }
 };
 
-// The first frames of a world through small_camera(). `first_frame` numbers the first view, so that several
-// sequences can follow one another.
+// The first frames of a world through small_camera().
 inline SynthViews synth_views(const std::string& world, const std::string& motion, int frames,
                               uint64_t seed = 0) {
   ThreadPool pool(0);
@@ -35,18 +41,10 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
     return out;
   }
   for (int i = 0; i < frames; ++i) {
-    out.views.push_back(as_view(synth::to_gray((*sequence)->render(i, 0)), i));
+    out.images.push_back(synth::to_gray((*sequence)->render(i, 0)));
     out.world_from_rig.push_back((*sequence)->world_from_rig(i));
   }
   return out;
-}
-
-// The same view as another frame.
-inline ViewPtr renumbered(const ViewPtr& view, int frame) {
-  GrayImage image(view->cameras[0].image.width(), view->cameras[0].image.height());
-  for (int y = 0; y < image.height(); ++y)
-    std::copy_n(view->cameras[0].image.row(y), image.width(), image.row(y));
-  return as_view(std::move(image), frame);
 }
 
 }  // namespace raysfm::testing_support

@@ -37,8 +37,9 @@ inline TrueMap true_map(const PanelWorld& world, int keyframes, int every = 1) {
     keyframe.rig_from_world = true_pose(out.rig, k);
     views.push_back(film(world, camera, keyframe.rig_from_world, k));
   }
-  for (int f = 0; f < views[0]->cameras[0].features.size(); f += every) {
-    const Eigen::Vector2d corner = views[0]->cameras[0].features.pixels[f].cast<double>();
+  const Features& features = views[0]->cameras[0].features;
+  for (int f = 0; f < features.size(); f += every) {
+    const Eigen::Vector2d corner = features.pixels[f].cast<double>();
     const auto point = world.hit(world_ray(camera, out.map.keyframes[0].rig_from_world, corner));
     if (!point) continue;
     const int track = static_cast<int>(out.map.tracks.size());
@@ -50,7 +51,7 @@ inline TrueMap true_map(const PanelWorld& world, int keyframes, int every = 1) {
       if (!camera.project(cam_from_world * *point, &pixel) || !camera.contains(pixel)) continue;
       const auto seen = world.hit(world_ray(camera, keyframe.rig_from_world, pixel));
       if (!seen || (*seen - *point).norm() > 1e-3) continue;
-      out.map.observe(track, k, keyframe.add(0, pixel.cast<float>(), track));
+      out.map.observe(track, k, keyframe.add(0, pixel.cast<float>(), features.octaves[f], track));
     }
   }
   for (int k = 0; k < keyframes; ++k) {

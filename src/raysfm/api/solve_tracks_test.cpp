@@ -21,7 +21,7 @@ struct Place {
   Eigen::Vector2d texture(const Eigen::Vector2d& pixel) const { return (pixel - shift) / scale; }
 };
 
-// A band-limited texture, facing the camera.
+// A band-limited texture, facing the camera; sharp enough for octave 0 until it is enlarged.
 ViewPtr textured_view(int frame, const Place& place) {
   auto view = std::make_shared<View>();
   view->frame = frame;
@@ -31,7 +31,7 @@ ViewPtr textured_view(int frame, const Place& place) {
   view->cameras[0].image = GrayImage(kWidth, kHeight);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
-      const Eigen::Vector2d p = place.texture({x, y});
+      const Eigen::Vector2d p = 1.5 * place.texture({x, y});
       double sum = 0;
       for (int k = 1; k <= 7; ++k) {
         sum +=

@@ -28,10 +28,9 @@ ViewPtr film_both(const PanelWorld& world, const PanelWorld& other, const Rig& r
   auto view = std::make_shared<View>();
   const PanelWorld* worlds[2] = {&world, &other};
   for (int c = 0; c < 2; ++c) {
-    const ViewPtr alone = film(*worlds[c], rig.cameras[c], Rigid3{}, c);
     CameraView& image = view->cameras.emplace_back();
-    image.image = GrayImage(320, 240);
-    for (int y = 0; y < 240; ++y) std::copy_n(alone->cameras[0].image.row(y), 320, image.image.row(y));
+    Rng rng(0, static_cast<uint64_t>(c));
+    image.image = picture(*worlds[c], rig.cameras[c], Rigid3{}, rng);
     HarrisDetector detector;
     detect(detector, HarrisOptions{.max_features = 600, .mask = {}}, &image);
   }
@@ -43,14 +42,17 @@ class AcrossMatcherTest : public testing::Test {
   std::vector<AcrossMatch> match(const ViewPtr& view) {
     MapKeyFrame keyframe;
     for (int c = 0; c < 2; ++c) {
-      for (const Eigen::Vector2f& pixel : view->cameras[c].features.pixels) keyframe.add(c, pixel, -1);
+      const Features& features = view->cameras[c].features;
+      for (int f = 0; f < features.size(); ++f) {
+        keyframe.add(c, features.pixels[f], features.octaves[f], -1);
+      }
     }
     pixels_ = keyframe.pixels;
     cameras_ = keyframe.cameras;
     std::vector<int> all(keyframe.size());
     std::iota(all.begin(), all.end(), 0);
     std::vector<AcrossMatch> matches;
-    matcher_.match(rig_, make_keyframe_view(view, keyframe, rig_), all, &matches);
+    matcher_.match(rig_, make_keyframe_view(view, keyframe, rig_), *view, all, &matches);
     return matches;
   }
 

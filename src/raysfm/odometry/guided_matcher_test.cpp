@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/panel_world.h"
+
 namespace raysfm {
 namespace {
 
@@ -14,12 +16,9 @@ Camera test_camera() {
 }
 
 KeyFrameView one_feature(const TrackingRig& rig, const Eigen::Vector2f& pixel) {
-  auto view = std::make_shared<View>();
-  view->cameras.resize(1);
-  view->cameras[0].image = GrayImage(640, 480);
-  for (int y = 0; y < 480; ++y) std::fill_n(view->cameras[0].image.row(y), 640, uint8_t{128});
+  const ViewPtr view = testing_support::as_view(testing_support::flat_image(640, 480, 128), 0);
   MapKeyFrame keyframe;
-  keyframe.add(0, pixel, 0);
+  keyframe.add(0, pixel, 0, 0);
   return make_keyframe_view(view, keyframe, rig);
 }
 
@@ -31,7 +30,8 @@ TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
   const Rigid3 target_from_keyframe{exp_so3({0.02, -0.1, 0.3}), {0.2, -0.1, -0.8}};
   const double distance = 5.0;
   PatchQuery query;
-  ASSERT_TRUE(predict_patch(rig, keyframe, 0, distance, 0, target_from_keyframe, &query));
+  ASSERT_TRUE(
+      predict_patch(rig, keyframe, 0, distance, 0, target_from_keyframe, keyframe.camera_view(0), &query));
 
   const auto transfer = [&](const Eigen::Vector2d& p) {
     Ray ray;
@@ -53,13 +53,16 @@ TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
 TEST(PredictPatch, RefusesWhatTheTargetDoesNotSee) {
   const TrackingRig rig(Rig{{test_camera()}});
   const KeyFrameView keyframe = one_feature(rig, {320, 240});
-  PatchQuery query;
-  EXPECT_TRUE(predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -1}}, &query));
-  // Behind, beside, and so near that the patch is more than 2.5 times larger.
-  EXPECT_FALSE(predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -6}}, &query));
-  EXPECT_FALSE(predict_patch(rig, keyframe, 0, 5.0, 0, {exp_so3({0, 1.2, 0}), {0, 0, 0}}, &query));
-  EXPECT_FALSE(
-      predict_patch(rig, keyframe, 0, 5.0, 0, {Eigen::Quaterniond::Identity(), {0, 0, -3.5}}, &query));
+  const auto seen_after = [&](const Rigid3& target_from_keyframe) {
+    PatchQuery query;
+    return predict_patch(rig, keyframe, 0, 5.0, 0, target_from_keyframe, keyframe.camera_view(0), &query);
+  };
+  EXPECT_TRUE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -1}}));
+  // Behind, beside, and so near that even in the second octave the patch is more than 2.5 times larger.
+  EXPECT_FALSE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -6}}));
+  EXPECT_FALSE(seen_after({exp_so3({0, 1.2, 0}), {0, 0, 0}}));
+  EXPECT_TRUE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -3.5}}));
+  EXPECT_FALSE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -4.1}}));
 }
 
 }  // namespace

@@ -118,10 +118,12 @@ TEST_F(KeyFrameTest, TakesOverTheMatchesAndStartsTracksAtTheOtherCorners) {
 
   FeatureGrid grid;
   grid.build(added.pixels, camera().width, camera().height);
-  for (const Eigen::Vector2f& corner : view_->cameras[0].features.pixels) {
+  const Features& corners = view_->cameras[0].features;
+  for (int i = 0; i < corners.size(); ++i) {
     int near = 0;
-    grid.for_each_in(corner, kTrackSpacing, [&](int) { ++near; });
-    EXPECT_GE(near, 1) << "a corner without a track at " << corner.transpose();
+    grid.for_each_in(corners.pixels[i], kTrackSpacing * octave_side(corners.octaves[i]),
+                     [&](int) { ++near; });
+    EXPECT_GE(near, 1) << "a corner without a track at " << corners.pixels[i].transpose();
   }
   for (int f = 0; f < added.size(); ++f) {
     ASSERT_GE(added.tracks[f], 0);
@@ -325,18 +327,20 @@ TEST(StartTracks, KeepTheirDistanceFromWhatIsThere) {
   Map map;
   map.keyframes.emplace_back();
   map.tracks.emplace_back();
-  map.observe(0, 0, map.keyframes[0].add(0, {160, 120}, 0));
+  map.observe(0, 0, map.keyframes[0].add(0, {160, 120}, 0, 0));
   start_tracks(TrackingRig(Rig{{testing_support::small_camera()}}), *view, 30, 0, &map);
+  const Features& corners = view->cameras[0].features;
   int near = 0;
-  for (const Eigen::Vector2f& corner : view->cameras[0].features.pixels) {
-    near += (corner - Eigen::Vector2f(160, 120)).norm() < 30;
+  for (int i = 0; i < corners.size(); ++i) {
+    near += (corners.pixels[i] - Eigen::Vector2f(160, 120)).norm() < 30 * octave_side(corners.octaves[i]);
   }
   ASSERT_GT(near, 5);
-  EXPECT_EQ(map.keyframes[0].size(), 1 + view->cameras[0].features.size() - near);
+  EXPECT_EQ(map.keyframes[0].size(), 1 + corners.size() - near);
   EXPECT_EQ(map.tracks.size(), map.keyframes[0].tracks.size());
   for (size_t t = 1; t < map.tracks.size(); ++t) {
     EXPECT_FALSE(map.tracks[t].triangulated);
-    EXPECT_GE((map.keyframes[0].pixels[t] - Eigen::Vector2f(160, 120)).norm(), 30);
+    EXPECT_GE((map.keyframes[0].pixels[t] - Eigen::Vector2f(160, 120)).norm(),
+              30 * octave_side(map.keyframes[0].octaves[t]));
   }
 }
 

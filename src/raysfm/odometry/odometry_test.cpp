@@ -12,7 +12,6 @@ namespace raysfm {
 namespace {
 
 using testing_support::black_view;
-using testing_support::renumbered;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -25,12 +24,12 @@ struct Input {
 
   int size() const { return static_cast<int>(views.size()); }
   void add(const SynthViews& from, int index, int scene_number) {
-    views.push_back(renumbered(from.views[index], size()));
+    views.push_back(from.view(index, size()));
     scene.push_back(scene_number);
     world_from_rig.push_back(from.world_from_rig[index]);
   }
   void add_all(const SynthViews& from, int scene_number) {
-    for (size_t i = 0; i < from.views.size(); ++i) add(from, static_cast<int>(i), scene_number);
+    for (int i = 0; i < from.size(); ++i) add(from, i, scene_number);
   }
   void add_black(int count) {
     for (int i = 0; i < count; ++i) {
