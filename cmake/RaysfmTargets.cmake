@@ -1,13 +1,19 @@
-# raysfm_add_library(FOLDER [DEPENDS target...] [PRIVATE target...] [TEST_DEPENDS target...])
+# raysfm_add_library(FOLDER [APART source...] [DEPENDS target...] [PRIVATE target...] [TEST_DEPENDS target...])
+# raysfm_add_library(NAME SOURCES source... [DEPENDS target...] [PRIVATE target...])
 #
-# One folder of src/raysfm is one library: every .cpp beside the CMakeLists.txt, less the tests.
-# FOLDER_test holds every *_test.cpp and is registered with CTest.
+# One folder of src/raysfm is one library: every .cpp beside the CMakeLists.txt, less the tests and what stands APART,
+# which other libraries name as their SOURCES. FOLDER_test holds every *_test.cpp and is registered with CTest.
 function(raysfm_add_library folder)
-  cmake_parse_arguments(ARG "" "" "DEPENDS;PRIVATE;TEST_DEPENDS" ${ARGN})
-  file(GLOB sources CONFIGURE_DEPENDS *.cpp)
-  file(GLOB headers CONFIGURE_DEPENDS *.h)
-  file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
-  list(FILTER sources EXCLUDE REGEX "_test\\.cpp$")
+  cmake_parse_arguments(ARG "" "" "SOURCES;APART;DEPENDS;PRIVATE;TEST_DEPENDS" ${ARGN})
+  if(ARG_SOURCES)
+    set(sources ${ARG_SOURCES})
+  else()
+    file(GLOB sources CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} *.cpp)
+    file(GLOB headers CONFIGURE_DEPENDS *.h)
+    file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
+    list(FILTER sources EXCLUDE REGEX "_test\\.cpp$")
+    list(REMOVE_ITEM sources ${ARG_APART})
+  endif()
   raysfm_keep_apart(${sources})
 
   set(target raysfm_${folder})

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <numeric>
 #include <optional>
 
@@ -36,7 +37,7 @@ class Merger {
 
 // Features of all photos in one row.
 struct Photos {
-  PhotoFeatures features;
+  std::unique_ptr<PhotoFeatures> features;
   std::vector<int> first;  // feature of each photo
   std::vector<std::array<uint8_t, 3>> rgb;
 };
@@ -47,9 +48,9 @@ Result<void> read_photos(FrameSource& source, Photos* photos, SolveInput* input)
     if (!next) return next.error();
     if (!*next) return {};
     const InputFrame& frame = **next;
-    photos->features.add(frame.gray.view(), kFeatures);
+    if (auto r = photos->features->add(frame.gray.view(), kFeatures); !r) return r;
     photos->first.push_back(static_cast<int>(photos->rgb.size()));
-    for (const Eigen::Vector2d& p : photos->features.pixels(photos->features.photos() - 1)) {
+    for (const Eigen::Vector2d& p : photos->features->pixels(photos->features->photos() - 1)) {
       const int x = std::clamp(static_cast<int>(p.x() + 0.5), 0, frame.gray.width() - 1);
       const int y = std::clamp(static_cast<int>(p.y() + 0.5), 0, frame.gray.height() - 1);
       photos->rgb.push_back(frame.colors.at(x, y, frame.gray.row(y)[x]));
@@ -80,12 +81,12 @@ void settle_size(SolveInput* input) {
 }
 
 void join_pair(const Photos& photos, int a, int b, double max_error, uint64_t seed, Merger* merger) {
-  const std::vector<std::pair<int, int>> found = photos.features.match(a, b);
+  const std::vector<std::pair<int, int>> found = photos.features->match(a, b);
   PairMatches matches;
   for (size_t i = 0; i < found.size(); ++i) {
     matches.points.push_back(static_cast<int>(i));
-    matches.a.push_back(photos.features.pixels(a)[found[i].first]);
-    matches.b.push_back(photos.features.pixels(b)[found[i].second]);
+    matches.a.push_back(photos.features->pixels(a)[found[i].first]);
+    matches.b.push_back(photos.features->pixels(b)[found[i].second]);
   }
   ViewPair pair;
   const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
@@ -102,24 +103,24 @@ void join_pair(const Photos& photos, int a, int b, double max_error, uint64_t se
 void collect_tracks(const Photos& photos, Merger* merger, SolveInput* input) {
   const int count = static_cast<int>(photos.rgb.size());
   std::vector<int> last_photo(count, -1), size(count, 0), number(count, -1);
-  for (int j = 0; j < photos.features.photos(); ++j) {
-    for (size_t i = 0; i < photos.features.pixels(j).size(); ++i) {
+  for (int j = 0; j < photos.features->photos(); ++j) {
+    for (size_t i = 0; i < photos.features->pixels(j).size(); ++i) {
       const int root = merger->root(photos.first[j] + static_cast<int>(i));
       size[root] = last_photo[root] == j || size[root] < 0 ? -1 : size[root] + 1;
       last_photo[root] = j;
     }
   }
   PointTracks& tracks = input->tracks;
-  tracks.image_count = photos.features.photos();
+  tracks.image_count = photos.features->photos();
   for (int j = 0; j < tracks.image_count; ++j) {
-    for (size_t i = 0; i < photos.features.pixels(j).size(); ++i) {
+    for (size_t i = 0; i < photos.features->pixels(j).size(); ++i) {
       const int root = merger->root(photos.first[j] + static_cast<int>(i));
       if (size[root] < 2) continue;
       if (number[root] < 0) {
         number[root] = tracks.point_count++;
         input->rgb.push_back(photos.rgb[root]);
       }
-      tracks.add(j, number[root], photos.features.pixels(j)[i] + input->shift(j));
+      tracks.add(j, number[root], photos.features->pixels(j)[i] + input->shift(j));
     }
   }
 }
@@ -158,8 +159,9 @@ int poor_neighbours(const SolveInput& video, const SolveSettings& settings) {
 
 // Why images that no video has are photos; empty where they all have one size, or cannot be read.
 std::string differing_sizes(const SolveSettings& settings) {
-  Result<Input> opened =
-      open_input({settings.input}, {.fps = settings.fps, .mono = true, .ignore_calibration = true});
+  Result<Input> opened = open_input(
+      {settings.input},
+      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
   if (!opened) return "";
   FrameSource& source = *opened->streams[0];
   source.allow_any_size();
@@ -205,8 +207,9 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
 }
 
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  Result<Input> opened =
-      open_input({settings.input}, {.fps = settings.fps, .mono = true, .ignore_calibration = true});
+  Result<Input> opened = open_input(
+      {settings.input},
+      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
   if (!opened) return opened.error();
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
@@ -214,12 +217,15 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
   SolveInput input;
   input.in_order = false;
   Photos photos;
+  Result<std::unique_ptr<PhotoFeatures>> features = make_photo_features();
+  if (!features) return features.error();
+  photos.features = *std::move(features);
   opened->streams[0]->allow_any_size();
   if (auto r = read_photos(*opened->streams[0], &photos, &input); !r) return r.error();
   settle_size(&input);
   Merger merger(static_cast<int>(photos.rgb.size()));
-  for (int a = 0; a < photos.features.photos(); ++a) {
-    for (int b = a + 1; b < photos.features.photos(); ++b) {
+  for (int a = 0; a < photos.features->photos(); ++a) {
+    for (int b = a + 1; b < photos.features->photos(); ++b) {
       input.interrupted = callbacks.stop && callbacks.stop->load();
       if (!input.interrupted) join_pair(photos, a, b, settings.max_error, settings.seed, &merger);
     }

@@ -118,8 +118,9 @@ SolveInput TrackJoiner::finish() {
 }
 
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  Result<Input> input =
-      open_input({settings.input}, {.fps = settings.fps, .mono = true, .ignore_calibration = true});
+  Result<Input> input = open_input(
+      {settings.input},
+      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
   if (!input) return input.error();
   const auto tell = [&](Event::Level level, const std::string& message) {
     if (callbacks.event && !message.empty()) callbacks.event({level, message});

@@ -72,7 +72,10 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
 Result<Sources> open_sources(const TrackSettings& settings, const EventSink& event) {
   if (auto r = check_threads(settings.threads); !r) return r.error();
   if (auto r = validate(settings.odometry); !r) return r.error();
-  Result<Input> input = open_input(settings.inputs, {settings.fps, settings.mono, !settings.camera.empty()});
+  Result<Input> input = open_input(settings.inputs, {.fps = settings.fps,
+                                                     .mono = settings.mono,
+                                                     .ignore_calibration = !settings.camera.empty(),
+                                                     .threads = settings.threads});
   if (!input) return input.error();
   Result<Rig> rig = read_rig(settings, *input, event);
   if (!rig) return rig.error();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -8,30 +9,41 @@
 
 namespace raysfm {
 
-// Reads the streams of a rig in step: one frame of each, all of one instant.
+// Reads the streams of a rig together: one frame of each, taken at about one instant.
 class FrameSetReader {
  public:
   // At least one stream; they must outlive the reader.
-  explicit FrameSetReader(const std::vector<std::unique_ptr<FrameSource>>& streams) : streams_(streams) {}
+  explicit FrameSetReader(const std::vector<std::unique_ptr<FrameSource>>& streams);
 
-  // The next frames, in the order of the streams; empty at the end, which is that of the shortest stream.
-  // Errors: those of the streams; bad input where the timestamps of two streams differ by half a frame
-  // interval or more (from the second frame on, when the interval is known).
+  // The next frame of the first stream, and of every other the one that is nearest to it in time and to no
+  // other of its frames; where there is none, a frame with a defect. Empty at the end, which is that of the
+  // shortest stream. Errors: those of the streams.
   Result<std::vector<InputFrame>> next();
 
-  // What the user should know: how many frames have a defect, that a stream goes on where another ends.
-  // Empty: nothing.
+  // What the user should know: how many frames have a defect, that the streams are not synchronised, that one
+  // goes on where another ends. Empty: nothing.
   std::string note() const;
 
  private:
-  Result<void> check_step(const std::vector<InputFrame>& frames);
+  // What is read of a stream and not given away.
+  struct Ahead {
+    FrameSource* source;
+    std::optional<InputFrame> now, later;
+  };
 
-  const std::vector<std::unique_ptr<FrameSource>>& streams_;
+  Result<void> advance(Ahead* stream);
+  Result<void> go_to(double timestamp, Ahead* stream);
+  bool together(const Ahead& stream) const;
+  Result<bool> at_end();
+  InputFrame take(Ahead* stream);
+  void remember(const std::vector<InputFrame>& frames);
+
+  std::vector<Ahead> streams_;
   std::string end_note_, first_defect_;
-  size_t defects_ = 0;         // sets with one
-  double last_timestamp_ = 0;  // of the first stream
-  double first_offset_ = 0;    // largest difference of timestamps in the first frame
-  size_t frames_ = 0;
+  double interval_ = 0;  // of the first stream's last two frames; seconds
+  double apart_ = 0;     // most that frames of a set are; seconds
+  bool out_of_step_ = false;
+  size_t frames_ = 0, defects_ = 0;  // sets
 };
 
 }  // namespace raysfm

@@ -62,17 +62,47 @@ TEST(FrameSet, TheShortestStreamIsTheEnd) {
   EXPECT_NE(reader.note().find("stream of 2 ends after 2 frames"), std::string::npos) << reader.note();
 }
 
-TEST(FrameSet, StreamsOutOfStepAreRefused) {
-  const Streams drifting = streams_of({{0, 1, 2, 3}, {0, 1.2, 2.6, 3.9}});
-  FrameSetReader reader(drifting);
-  std::string error;
-  EXPECT_EQ(sets_read(reader, &error), 2);
-  EXPECT_NE(error.find("frame 2: timestamp 2.6"), std::string::npos) << error;
-  // From the start: told with the second frame, when the interval is known.
-  const Streams shifted = streams_of({{0, 1, 2}, {0.7, 1.7, 2.7}});
-  FrameSetReader other(shifted);
-  EXPECT_EQ(sets_read(other, &error), 1);
-  EXPECT_NE(error.find("half a frame, 0.5 s"), std::string::npos) << error;
+// Timestamps of the second stream by frame of the first; a negative one stands for a defect.
+std::vector<double> partners(const std::vector<double>& first, const std::vector<double>& second,
+                             std::string* note) {
+  const Streams streams = streams_of({first, second});
+  FrameSetReader reader(streams);
+  std::vector<double> found;
+  for (;;) {
+    const Result<std::vector<InputFrame>> frames = reader.next();
+    EXPECT_TRUE(frames);
+    if (!frames || frames->empty()) break;
+    EXPECT_EQ(frames->size(), 2u);
+    EXPECT_EQ(frames->at(0).index, static_cast<int>(found.size()));
+    EXPECT_EQ(frames->at(0).timestamp, first[found.size()]);
+    EXPECT_EQ(frames->at(0).defect, "");
+    const InputFrame& other = frames->at(1);
+    EXPECT_EQ(other.defect.empty(), other.defect.find("no frame of the instant") == std::string::npos);
+    found.push_back(other.defect.empty() ? other.timestamp : -1);
+  }
+  *note = reader.note();
+  return found;
+}
+
+TEST(FrameSet, FramesNearestInTimeBelongTogether) {
+  using Times = std::vector<double>;
+  std::string note;
+  // Half a frame apart.
+  EXPECT_EQ(partners({0, 1, 2, 3}, {0.5, 1.5, 2.5, 3.5}, &note), (Times{0.5, 1.5, 2.5, 3.5}));
+  EXPECT_NE(note.find("not synchronised, frames are up to 0.5 s apart"), std::string::npos) << note;
+  // One started later, or earlier.
+  EXPECT_EQ(partners({0, 1, 2, 3, 4}, {2.1, 3.1, 4.1}, &note), (Times{-1, -1, 2.1, 3.1, 4.1}));
+  EXPECT_NE(note.find("2 of 5 frames cannot be used"), std::string::npos) << note;
+  EXPECT_EQ(partners({2.1, 3.1, 4.1}, {0, 1, 2, 3, 4}, &note), (Times{2, 3, 4}));
+  EXPECT_EQ(note, "");
+  // One lost a frame.
+  EXPECT_EQ(partners({0, 1, 2, 3, 4}, {0, 1, 3, 4}, &note), (Times{0, 1, -1, 3, 4}));
+  EXPECT_EQ(partners({0, 1, 3, 4}, {0, 1, 2, 3, 4}, &note), (Times{0, 1, 3, 4}));
+  // One has half the rate.
+  EXPECT_EQ(partners({0, 1, 2, 3, 4}, {0.1, 2.1, 4.1}, &note), (Times{0.1, -1, 2.1, -1, 4.1}));
+  // Nothing in common.
+  EXPECT_EQ(partners({0, 1, 2}, {100, 101, 102}, &note), (Times{-1, -1, -1}));
+  EXPECT_NE(note.find("3 of 3 frames cannot be used"), std::string::npos) << note;
 }
 
 }  // namespace

@@ -34,11 +34,11 @@ Result<Input> open_one(const std::string& name, const InputOptions& options) {
   const fs::file_status status = fs::status(path, failure);
   if (fs::is_directory(status)) return open_folder(path, options);
   if (name.starts_with("/dev/video") || fs::is_character_file(status)) {
-    return one_stream("device", open_device(name, options.fps));
+    return one_stream("device", open_device(name, {options.fps, options.threads}));
   }
   if (fs::is_regular_file(status)) {
     if (is_image_file(path)) return images(name, {path}, options);
-    return one_stream("video", open_video(name, options.fps));
+    return one_stream("video", open_video(name, {options.fps, options.threads}));
   }
   if (path.filename().string().find_first_of("*?%") != std::string::npos) {
     Result<std::vector<fs::path>> files = match_images(path);

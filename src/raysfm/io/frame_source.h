@@ -56,6 +56,7 @@ struct InputOptions {
   double fps = 0;  // frames per second of inputs without timestamps, and of videos when given; 0: not given
   bool mono = false;                // the first camera only of a layout that has several
   bool ignore_calibration = false;  // do not read the camera file that lies beside the images
+  int threads = 0;                  // of the decoder of a video; 0: as many as the machine has
 };
 
 // Everything that the inputs of the command line hold.

@@ -19,9 +19,12 @@ Result<void> write(const std::filesystem::path& path, ImageView<const uint8_t> v
                       static_cast<size_t>(view.stride));
   std::vector<uint8_t> bytes;
   // Noisy images hardly shrink further; the lowest level is several times faster.
-  if (!cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 1})) {
-    return internal_error(fmt::format("{}: the image could not be encoded", path.string()));
+  bool encoded = false;
+  try {
+    encoded = cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 1});
+  } catch (const cv::Exception&) {  // no memory
   }
+  if (!encoded) return internal_error(fmt::format("{}: the image could not be encoded", path.string()));
   return write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "raysfm/core/result.h"
 #include "raysfm/image/image.h"
 
 namespace raysfm {
@@ -13,23 +14,18 @@ namespace raysfm {
 // their matches.
 class PhotoFeatures {
  public:
-  PhotoFeatures();
-  ~PhotoFeatures();
-  PhotoFeatures(const PhotoFeatures&) = delete;
-  PhotoFeatures& operator=(const PhotoFeatures&) = delete;
+  virtual ~PhotoFeatures() = default;
 
   // The next photo and at most `max_features` of its points, the strongest; max_features > 0. A photo without
-  // pixels has none.
-  void add(const GrayView& image, int max_features);
-  int photos() const;
+  // pixels has none. Errors: internal, where memory is short.
+  virtual Result<void> add(const GrayView& image, int max_features) = 0;
+  virtual int photos() const = 0;
   // Pixels of the points of a photo; centre of the first pixel at (0, 0).
-  const std::vector<Eigen::Vector2d>& pixels(int photo) const;
+  virtual const std::vector<Eigen::Vector2d>& pixels(int photo) const = 0;
   // Points of photo a and photo b that prefer each other clearly to all others.
-  std::vector<std::pair<int, int>> match(int a, int b) const;
-
- private:
-  struct Photos;
-  std::unique_ptr<Photos> photos_;
+  virtual std::vector<std::pair<int, int>> match(int a, int b) const = 0;
 };
+
+Result<std::unique_ptr<PhotoFeatures>> make_photo_features();
 
 }  // namespace raysfm

@@ -1,8 +1,6 @@
 #include "raysfm/io/png_chunks.h"
 
-extern "C" {
-#include <libavutil/crc.h>
-}
+#include <libdeflate.h>
 
 #include <algorithm>
 #include <array>
@@ -18,18 +16,17 @@ constexpr size_t kChunkFrame = 12;            // bytes of a chunk beside its dat
 constexpr size_t kMaxData = size_t{1} << 31;  // bytes
 constexpr std::array kPixelChunks = {"IHDR"sv, "PLTE"sv, "tRNS"sv, "IDAT"sv, "IEND"sv};
 
+uint32_t checksum(std::string_view bytes) {
+  return libdeflate_crc32(0, bytes.data(), bytes.size());
+}
+
+}  // namespace
+
 uint32_t big_endian(std::string_view bytes) {
   uint32_t value = 0;
   for (const char byte : bytes.substr(0, 4)) value = value << 8 | static_cast<uint8_t>(byte);
   return value;
 }
-
-uint32_t checksum(std::string_view bytes) {
-  const AVCRC* table = av_crc_get_table(AV_CRC_32_IEEE_LE);
-  return ~av_crc(table, ~0u, reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
-}
-
-}  // namespace
 
 std::optional<std::string> pixel_chunks_of_png(std::string_view bytes) {
   if (bytes.size() < kSignature + kChunkFrame || bytes.substr(kSignature + 4, 4) != "IHDR")

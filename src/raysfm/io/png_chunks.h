@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -11,5 +12,8 @@ namespace raysfm {
 // wrong. libpng prints what it thinks of the other chunks, such as colour profiles, and of damage; what this
 // returns gives it little occasion.
 std::optional<std::string> pixel_chunks_of_png(std::string_view bytes);
+
+// The number that four bytes begin with.
+uint32_t big_endian(std::string_view bytes);
 
 }  // namespace raysfm

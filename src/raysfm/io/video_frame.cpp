@@ -10,6 +10,8 @@ extern "C" {
 #include <array>
 #include <cstring>
 
+#include "raysfm/io/decoded_image.h"
+
 namespace raysfm {
 namespace {
 
@@ -65,14 +67,43 @@ void copy_luma(const AVFrame& frame, const AVPixFmtDescriptor& format, GrayImage
   }
 }
 
-void gray_of(const Image<uint8_t>& rgb, GrayImage* gray) {
-  for (int y = 0; y < gray->height(); ++y) {
-    const uint8_t* in = rgb.row(y);
-    uint8_t* out = gray->row(y);
-    for (int x = 0; x < gray->width(); ++x, in += 3) {
-      out[x] = static_cast<uint8_t>((77 * in[0] + 150 * in[1] + 29 * in[2] + 128) >> 8);
+GrayImage chroma_of(const AVFrame& frame, const AVPixFmtDescriptor& format, int component) {
+  const AVComponentDescriptor& chroma = format.comp[component];
+  GrayImage image(AV_CEIL_RSHIFT(frame.width, format.log2_chroma_w),
+                  AV_CEIL_RSHIFT(frame.height, format.log2_chroma_h));
+  for (int y = 0; y < image.height(); ++y) {
+    const uint8_t* in =
+        frame.data[chroma.plane] + ptrdiff_t{y} * frame.linesize[chroma.plane] + chroma.offset;
+    uint8_t* out = image.row(y);
+    for (int x = 0; x < image.width(); ++x, in += chroma.step) {
+      uint16_t value = *in;
+      if (chroma.depth > 8) std::memcpy(&value, in, sizeof(value));
+      out[x] = static_cast<uint8_t>(value >> chroma.shift >> (chroma.depth - 8));
     }
   }
+  return image;
+}
+
+// Shares of chroma in the colours, from the shares of red and blue in luma.
+ColorPlanes::Mix mix_of(const AVFrame& frame, bool full_range) {
+  float red = 0.299f, blue = 0.114f;
+  if (frame.colorspace == AVCOL_SPC_BT709) red = 0.2126f, blue = 0.0722f;
+  if (frame.colorspace == AVCOL_SPC_BT2020_NCL) red = 0.2627f, blue = 0.0593f;
+  if (frame.colorspace == AVCOL_SPC_SMPTE240M) red = 0.212f, blue = 0.087f;
+  const float green = 1 - red - blue;
+  const float scale = 2 * (full_range ? 1.f : 255.f / 224.f);
+  return {.red_cr = scale * (1 - red),
+          .green_cb = -scale * (1 - blue) * blue / green,
+          .green_cr = -scale * (1 - red) * red / green,
+          .blue_cb = scale * (1 - blue)};
+}
+
+void copy_chroma(const AVFrame& frame, const AVPixFmtDescriptor& format, ColorPlanes* colors) {
+  colors->cb = chroma_of(frame, format, 1);
+  colors->cr = chroma_of(frame, format, 2);
+  colors->step_x = 1 << format.log2_chroma_w;
+  colors->step_y = 1 << format.log2_chroma_h;
+  colors->mix = mix_of(frame, is_full_range(frame, format));
 }
 
 }  // namespace
@@ -85,11 +116,12 @@ bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, ColorPl
   const AVPixelFormat pixels = static_cast<AVPixelFormat>(frame.format);
   const AVPixFmtDescriptor* format = av_pix_fmt_desc_get(pixels);
   if (!format) return false;
-  *gray = GrayImage(frame.width, frame.height);
-  const bool luma = is_luma(*format);
-  if (luma) copy_luma(frame, *format, gray);
-  if (luma && format->nb_components <= 2) return true;
-
+  if (is_luma(*format)) {
+    *gray = GrayImage(frame.width, frame.height);
+    copy_luma(frame, *format, gray);
+    if (format->nb_components > 2) copy_chroma(frame, *format, colors);
+    return true;
+  }
   scaler_ = sws_getCachedContext(scaler_, frame.width, frame.height, pixels, frame.width, frame.height,
                                  AV_PIX_FMT_RGB24, SWS_BILINEAR, nullptr, nullptr, nullptr);
   if (!scaler_) return false;
@@ -100,7 +132,7 @@ bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, ColorPl
   const int strides[4] = {static_cast<int>(colors->rgb.view().stride), 0, 0, 0};
   if (sws_scale(scaler_, frame.data, frame.linesize, 0, frame.height, planes, strides) != frame.height)
     return false;
-  if (!luma) gray_of(colors->rgb, gray);
+  *gray = gray_of(*colors);
   return true;
 }
 

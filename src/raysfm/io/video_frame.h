@@ -12,7 +12,8 @@ namespace raysfm {
 //
 // Grey of a YUV frame is its luma, not a mix of converted colours: it is what the camera recorded and costs a
 // copy. Luma of limited range (16 to 235, what most videos hold) is stretched to 0 to 255, of full range
-// taken as it is; more than 8 bits are scaled to 8. Grey of an RGB frame is 0.299 R + 0.587 G + 0.114 B.
+// taken as it is; more than 8 bits are scaled to 8. Colours are its chroma. Grey of an RGB frame is 0.299 R +
+// 0.587 G + 0.114 B.
 class VideoFrameConverter {
  public:
   VideoFrameConverter() = default;

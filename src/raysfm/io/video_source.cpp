@@ -14,6 +14,7 @@ extern "C" {
 #include <cmath>
 #include <deque>
 #include <optional>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -47,15 +48,21 @@ std::string reason(int code) {
 
 class VideoSource : public FrameSource {
  public:
-  VideoSource(std::string path, double fps) : path_(std::move(path)), fps_(fps) {}
+  VideoSource(std::string path, const VideoOptions& options)
+      : path_(std::move(path)), fps_(options.fps), threads_(options.threads) {}
 
   // Opens, and decodes up to the first frame without a defect.
   Result<void> open(const char* device_format);
 
   Result<std::optional<InputFrame>> next() override {
-    if (ahead_.empty()) return decode();
-    std::optional<InputFrame> frame = std::move(ahead_.front());
-    ahead_.pop_front();
+    if (ahead_.empty()) {
+      if (auto r = decode(); !r) return r.error();
+    }
+    std::optional<InputFrame> frame;
+    if (!ahead_.empty()) {
+      frame = std::move(ahead_.front());
+      ahead_.pop_front();
+    }
     return frame;
   }
 
@@ -72,30 +79,34 @@ class VideoSource : public FrameSource {
   std::string note() const override;
 
  private:
-  Result<std::optional<InputFrame>> decode();
-  Result<std::optional<InputFrame>> to_input_frame();
+  Result<void> decode();
+  Result<void> append_frame();
+  void append_lost(int64_t before);
+  InputFrame numbered_frame(int64_t pts);
   std::string defect();
   Result<void> open_codec();
   void find_rotation();
   void feed();
-  double timestamp();
+  double timestamp(int64_t pts);
   bool cut_short() const;
 
   std::string path_;
   double fps_;
+  int threads_;
   std::unique_ptr<AVFormatContext, CloseFormat> format_;
   std::unique_ptr<AVCodecContext, FreeCodec> codec_;
   std::unique_ptr<AVFrame, FreeFrame> frame_{av_frame_alloc()};
   std::unique_ptr<AVPacket, FreePacket> packet_{av_packet_alloc()};
   AVStream* stream_ = nullptr;  // of format_
   VideoFrameConverter converter_;
-  std::deque<InputFrame> ahead_;  // up to the first that gave the size
+  std::deque<InputFrame> ahead_;  // decoded and not given away
+  std::set<int64_t> awaited_;     // presentation times of what the decoder got and has not given back
   int width_ = 0, height_ = 0;
   double rate_ = 0;  // frames per second that the container says, or 25
   int index_ = 0;
   double last_timestamp_ = -HUGE_VAL;
   bool done_ = false;
-  int damaged_ = 0;  // frames or packets that did not decode
+  int lost_ = 0;  // frames that did not decode and have no place yet
   int failures_in_a_row_ = 0;
   int repaired_times_ = 0;    // timestamps that did not increase
   std::string read_failure_;  // why reading stopped, if not at the end
@@ -103,7 +114,6 @@ class VideoSource : public FrameSource {
 };
 
 Result<void> VideoSource::open(const char* device_format) {
-  av_log_set_level(AV_LOG_QUIET);  // the library does not print
   const AVInputFormat* input_format = nullptr;
   if (device_format) {
     avdevice_register_all();
@@ -128,12 +138,10 @@ Result<void> VideoSource::open(const char* device_format) {
   find_rotation();
 
   while (ahead_.empty() || !ahead_.back().defect.empty()) {
-    Result<std::optional<InputFrame>> frame = decode();
-    if (!frame) return frame.error();
-    if (!*frame && !ahead_.empty()) return bad_input(ahead_.front().defect);
-    if (!*frame)
+    if (auto r = decode(); !r) return r;
+    if (done_ && width_ == 0) {
       return bad_input(path_ + ": the video has no frame that can be decoded; allowed: at least one");
-    ahead_.push_back(std::move(**frame));
+    }
   }
   return {};
 }
@@ -147,7 +155,7 @@ Result<void> VideoSource::open_codec() {
     return bad_input(path_ + ": has a cover picture but no video");
   codec_.reset(avcodec_alloc_context3(decoder));
   avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
-  codec_->thread_count = 0;  // as many as the machine has; the frames do not depend on it
+  codec_->thread_count = threads_;
   codec_->max_pixels = kMaxPixels;
   codec_->pkt_timebase = stream_->time_base;
   const int opened = avcodec_open2(codec_.get(), decoder, nullptr);
@@ -174,34 +182,38 @@ void VideoSource::feed() {
     return;
   }
   if (packet_->stream_index == stream_->index) {
+    if (packet_->pts != AV_NOPTS_VALUE && !(packet_->flags & AV_PKT_FLAG_DISCARD))
+      awaited_.insert(packet_->pts);
     code = avcodec_send_packet(codec_.get(), packet_.get());
-    if (code < 0 && code != AVERROR_EOF) ++damaged_;
+    if (code < 0 && code != AVERROR_EOF) ++lost_;
   }
   av_packet_unref(packet_.get());
 }
 
-Result<std::optional<InputFrame>> VideoSource::decode() {
+// Appends at least one frame, or is done.
+Result<void> VideoSource::decode() {
   while (!done_) {
     const int code = avcodec_receive_frame(codec_.get(), frame_.get());
-    if (code == AVERROR(EAGAIN)) {
-      feed();
-    } else if (code == AVERROR_EOF) {
-      done_ = true;
-    } else if (code < 0) {
-      ++damaged_;
-      if (++failures_in_a_row_ > kMaxFailures) done_ = true;
-      continue;
-    } else {
-      return to_input_frame();
+    if (code >= 0) {
+      failures_in_a_row_ = 0;
+      return append_frame();
     }
-    failures_in_a_row_ = 0;
+    if (code == AVERROR_EOF) {
+      done_ = true;
+      append_lost(INT64_MAX);
+    } else if (code == AVERROR(EAGAIN)) {
+      failures_in_a_row_ = 0;
+      feed();
+    } else {
+      ++lost_;
+      if (++failures_in_a_row_ > kMaxFailures) done_ = true;
+    }
   }
-  return std::optional<InputFrame>();
+  return {};
 }
 
-double VideoSource::timestamp() {
+double VideoSource::timestamp(int64_t pts) {
   double t = static_cast<double>(index_) / (fps_ > 0 ? fps_ : rate_);
-  const int64_t pts = frame_->best_effort_timestamp;
   if (fps_ <= 0 && pts != AV_NOPTS_VALUE) {
     t = static_cast<double>(pts) * av_q2d(stream_->time_base);
     if (!(t > last_timestamp_)) {
@@ -210,6 +222,25 @@ double VideoSource::timestamp() {
     }
   }
   return t;
+}
+
+InputFrame VideoSource::numbered_frame(int64_t pts) {
+  InputFrame frame;
+  frame.index = index_;
+  frame.name = fmt::format("frame-{:06}", index_);
+  frame.timestamp = last_timestamp_ = timestamp(pts);
+  return frame;
+}
+
+// Frames come in the order of their presentation: what the decoder got of an earlier time does not come any
+// more. That need not be a loss, some packets show nothing, unless the decoder complained.
+void VideoSource::append_lost(int64_t before) {
+  for (auto it = awaited_.begin(); it != awaited_.end() && *it < before; it = awaited_.erase(it)) {
+    if (lost_ == 0) continue;
+    --lost_;
+    InputFrame& frame = ahead_.emplace_back(numbered_frame(*it));
+    frame.defect = fmt::format("{}: frame {} is damaged", path_, index_++);
+  }
 }
 
 // Of the frame just decoded; the first without one gives the size.
@@ -230,24 +261,25 @@ std::string VideoSource::defect() {
                      frame_->width, frame_->height, width_, height_);
 }
 
-Result<std::optional<InputFrame>> VideoSource::to_input_frame() {
-  InputFrame frame;
-  frame.index = index_;
-  frame.name = fmt::format("frame-{:06}", index_);
+Result<void> VideoSource::append_frame() {
+  const int64_t pts = frame_->best_effort_timestamp;
+  if (pts != AV_NOPTS_VALUE) append_lost(pts);
+  awaited_.erase(pts);
+  InputFrame& frame = ahead_.emplace_back(numbered_frame(pts));
   frame.defect = defect();
   if (frame.defect.empty() && !converter_.convert(*frame_, &frame.gray, &frame.colors)) {
     done_ = true;
+    ahead_.pop_back();
     return bad_input(fmt::format("{}: frame {}: pixels of a format that cannot be converted", path_, index_));
   }
-  frame.timestamp = last_timestamp_ = timestamp();
   ++index_;
   av_frame_unref(frame_.get());
-  return std::optional<InputFrame>(std::move(frame));
+  return {};
 }
 
 // Whether the container promises more than there was.
 bool VideoSource::cut_short() const {
-  if (stream_->nb_frames > 0) return stream_->nb_frames > index_ + damaged_;
+  if (stream_->nb_frames > 0) return stream_->nb_frames > index_ + lost_;
   if (fps_ > 0 || format_->duration_estimation_method != AVFMT_DURATION_FROM_STREAM) return false;
   if (format_->duration == AV_NOPTS_VALUE) return false;
   const double start =
@@ -261,7 +293,7 @@ std::string VideoSource::note() const {
   std::string text;
   const auto add = [&](const std::string& part) { text += (text.empty() ? path_ + ": " : "; ") + part; };
   if (rotation_ != 0) add(fmt::format("a rotation by {} degrees in the metadata is ignored", rotation_));
-  if (damaged_ > 0) add(fmt::format("{} damaged frames were left out", damaged_));
+  if (lost_ > 0) add(fmt::format("{} damaged frames were left out", lost_));
   if (!read_failure_.empty()) add("reading stopped early: " + read_failure_);
   if (done_ && cut_short()) add(fmt::format("cut short: {} frames could be decoded", index_));
   if (repaired_times_ > 0)
@@ -269,9 +301,9 @@ std::string VideoSource::note() const {
   return text;
 }
 
-Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, double fps,
+Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, const VideoOptions& options,
                                                  const char* device_format) {
-  auto source = std::make_unique<VideoSource>(path, fps);
+  auto source = std::make_unique<VideoSource>(path, options);
   const Result<void> opened = source->open(device_format);
   if (!opened) return opened.error();
   return std::unique_ptr<FrameSource>(std::move(source));
@@ -279,12 +311,16 @@ Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, double
 
 }  // namespace
 
-Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, double fps) {
-  return open_source(path, fps, nullptr);
+Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const VideoOptions& options) {
+  return open_source(path, options, nullptr);
 }
 
-Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, double fps) {
-  return open_source(path, fps, "v4l2");
+Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const VideoOptions& options) {
+  return open_source(path, options, "v4l2");
+}
+
+void silence_ffmpeg() {
+  av_log_set_level(AV_LOG_QUIET);
 }
 
 }  // namespace raysfm

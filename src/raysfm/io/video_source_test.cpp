@@ -42,7 +42,7 @@ struct Reading {
 
 Reading read_video(const fs::path& path, double fps = 0) {
   Reading reading;
-  Result<std::unique_ptr<FrameSource>> source = open_video(path.string(), fps);
+  Result<std::unique_ptr<FrameSource>> source = open_video(path.string(), {.fps = fps});
   if (!source) {
     EXPECT_EQ(source.error().kind, ErrorKind::kBadInput);
     EXPECT_EQ(source.error().message.find('\n'), std::string::npos);
@@ -218,7 +218,7 @@ TEST(VideoSource, MayBeHandedFromThreadToThread) {
   VideoRecipe recipe;
   recipe.paint = paint_planar;
   write_video(folder.path() / "v.mkv", recipe);
-  Result<std::unique_ptr<FrameSource>> source = open_video((folder.path() / "v.mkv").string(), 0);
+  Result<std::unique_ptr<FrameSource>> source = open_video((folder.path() / "v.mkv").string(), {});
   ASSERT_TRUE(source);
   int frames = 0;
   std::thread([&] {

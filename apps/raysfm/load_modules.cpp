@@ -1,0 +1,85 @@
+// The functions of the library that the program's modules hold: each loads its module first.
+#include <dlfcn.h>
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <string>
+#include <system_error>
+
+#include "modules/modules.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Beside the program as it is built, or where it is installed.
+fs::path module_path(const char* file) {
+  std::error_code failure;
+  const fs::path folder = fs::read_symlink("/proc/self/exe", failure).parent_path();
+  const fs::path beside = folder / file;
+  return fs::exists(beside, failure) ? beside : folder / RAYSFM_MODULE_FOLDER / file;
+}
+
+// Never unloaded: objects of the module's classes live as long as they like.
+template <typename Module>
+Result<const Module*> load() {
+  const fs::path path = module_path(Module::kFile);
+  void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  const void* table = library ? dlsym(library, Module::kSymbol) : nullptr;
+  if (table) return static_cast<const Module*>(table);
+  const char* reason = dlerror();
+  return internal_error(
+      fmt::format("a part of the program cannot be loaded: {}", reason ? reason : path.string()));
+}
+
+template <typename Module, typename Function, typename... Args>
+auto call(Function Module::*function, const Args&... args)
+    -> decltype((std::declval<Module>().*function)(args...)) {
+  static const Result<const Module*> module = load<Module>();
+  if (!module) return module.error();
+  return ((*module)->*function)(args...);
+}
+
+using app::PictureModule, app::VideoModule;
+
+}  // namespace
+
+Result<DecodedImage> decode_other(const std::string& bytes) {
+  return call(&PictureModule::decode_other, bytes);
+}
+
+Result<void> write_png(const fs::path& path, GrayView gray) {
+  return call(&PictureModule::write_png, path, gray);
+}
+
+Result<void> write_color_png(const fs::path& path, ImageView<const uint8_t> bgr) {
+  return call(&PictureModule::write_color_png, path, bgr);
+}
+
+Result<void> plot_cameras(const Rig& rig, const fs::path& path) {
+  return call(&PictureModule::plot_cameras, rig, path);
+}
+
+Result<void> plot_lens(std::span<const LensOfFrame> lenses, const fs::path& path) {
+  return call(&PictureModule::plot_lens, lenses, path);
+}
+
+Result<void> plot_evaluation(const Trajectory& estimate, const Trajectory& truth,
+                             const Evaluation& evaluation, const fs::path& path) {
+  return call(&PictureModule::plot_evaluation, estimate, truth, evaluation, path);
+}
+
+Result<std::unique_ptr<PhotoFeatures>> make_photo_features() {
+  return call(&PictureModule::make_photo_features);
+}
+
+Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const VideoOptions& options) {
+  return call(&VideoModule::open_video, path, options);
+}
+
+Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const VideoOptions& options) {
+  return call(&VideoModule::open_device, path, options);
+}
+
+}  // namespace raysfm

@@ -1,0 +1,35 @@
+#pragma once
+
+// What the program loads when it is needed, and not with every start: OpenCV and FFmpeg bring some three
+// hundred shared libraries. Each module exports one table of functions of the library.
+
+#include "raysfm/io/camera_plot.h"
+#include "raysfm/io/image_writer.h"
+#include "raysfm/io/lens_plot.h"
+#include "raysfm/io/other_image.h"
+#include "raysfm/io/photo_features.h"
+#include "raysfm/io/plot.h"
+#include "raysfm/io/video_source.h"
+
+namespace raysfm::app {
+
+struct PictureModule {
+  static constexpr const char* kFile = "raysfm-pictures.so";
+  static constexpr const char* kSymbol = "raysfm_picture_module";
+  decltype(&raysfm::decode_other) decode_other;
+  decltype(&raysfm::write_png) write_png;
+  decltype(&raysfm::write_color_png) write_color_png;
+  decltype(&raysfm::plot_cameras) plot_cameras;
+  decltype(&raysfm::plot_lens) plot_lens;
+  decltype(&raysfm::plot_evaluation) plot_evaluation;
+  decltype(&raysfm::make_photo_features) make_photo_features;
+};
+
+struct VideoModule {
+  static constexpr const char* kFile = "raysfm-video.so";
+  static constexpr const char* kSymbol = "raysfm_video_module";
+  decltype(&raysfm::open_video) open_video;
+  decltype(&raysfm::open_device) open_device;
+};
+
+}  // namespace raysfm::app
