@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstring>
 #include <utility>
-#include <variant>
 
 #include "raysfm/bundle/residual.h"
 
@@ -15,15 +14,6 @@ using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr int kChunk = 4;          // blocks of lanes
 constexpr int kPointChunk = 1024;  // points
-
-template <int N>
-void clear_lane(ObservationBlock<N>& block, int k) {
-  for (auto& row : block.x) row[k] = 0;
-  for (auto& row : block.residual) row[k] = 0;
-  for (auto& row : block.jacobian) row[k] = 0;
-  for (auto& row : block.lens) row[k] = 0;
-  block.squared[k] = 0;
-}
 
 }  // namespace
 
@@ -67,15 +57,11 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
 template <int N>
 void BundleCore<N>::load_rays() {
   if (problem_.rays.empty()) return;
-  rays_.resize(layout_.lanes.size() / kBundleLanes);
+  rays_.resize(layout_.lanes.size() / kBlockLanes);
   for (size_t k = 0; k < layout_.lanes.size(); ++k) {
     const int i = layout_.lanes[k].observation;
     const ObservedRay ray = i >= 0 ? problem_.rays[i] : ObservedRay{};
-    RayBlock& block = rays_[k / kBundleLanes];
-    const size_t lane = k % kBundleLanes;
-    for (int c = 0; c < 3; ++c) block.origin[c][lane] = ray.origin[c];
-    for (int c = 0; c < 3; ++c) block.direction[c][lane] = ray.direction[c];
-    for (int c = 0; c < 6; ++c) block.tangents[c][lane] = ray.tangents(c / 3, c % 3);
+    set_ray(ray, k % kBlockLanes, &rays_[k / kBlockLanes]);
   }
 }
 
@@ -243,12 +229,9 @@ double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State
   } else {
     if (!problem_.rays.empty())
       return work_on_lanes(group, AngularResidual(rays_.data()), state, linearize, loses);
-    const Camera& camera = problem_.cameras[group.camera];
-    return std::visit(
-        [&](const auto& model) {
-          return work_on_lanes(group, PixelResidual(camera, model, u, v), state, linearize, loses);
-        },
-        camera.model);
+    return with_pixel_residual(problem_.cameras[group.camera], u, v, [&](const BlockResidual& residual) {
+      return work_on_lanes(group, residual, state, linearize, loses);
+    });
   }
 }
 
@@ -267,21 +250,21 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
   PoseSums<N> sums;
   if (moves) std::memset(&sums, 0, sizeof(sums));
   Block blocks[kChunk];
-  double lane_sums[kBundleLanes] = {};
-  for (int begin = group.begin; begin < group.end; begin += kChunk * kBundleLanes) {
-    const int count = std::min(kChunk, (group.end - begin) / kBundleLanes);
+  double lane_sums[kBlockLanes] = {};
+  for (int begin = group.begin; begin < group.end; begin += kChunk * kBlockLanes) {
+    const int count = std::min(kChunk, (group.end - begin) / kBlockLanes);
     for (int i = 0; i < count; ++i) {
-      for (int k = 0; k < kBundleLanes; ++k) {
-        const Eigen::Vector3d& p = state.points[layout_.lanes[begin + i * kBundleLanes + k].point];
+      for (int k = 0; k < kBlockLanes; ++k) {
+        const Eigen::Vector3d& p = state.points[layout_.lanes[begin + i * kBlockLanes + k].point];
         for (int c = 0; c < 3; ++c) blocks[i].x[c][k] = p[c];
       }
     }
     for (int i = 0; i < count; ++i) {
       transform_points(rotation.data(), translation.data(), &blocks[i]);
-      residual.evaluate(begin + i * kBundleLanes, linearize, &blocks[i]);
+      residual.evaluate(begin + i * kBlockLanes, linearize, &blocks[i]);
     }
     for (int i = 0; i < count; ++i) {
-      if (score_block(begin + i * kBundleLanes, blocks[i], state.lane_cost, lane_sums)) *loses = true;
+      if (score_block(begin + i * kBlockLanes, blocks[i], state.lane_cost, lane_sums)) *loses = true;
     }
     if (!linearize) continue;
     for (int i = 0; i < count; ++i) {
@@ -291,7 +274,7 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
         point_terms(rotation.data(), &blocks[i]);
       }
     }
-    for (int i = 0; i < count; ++i) store_block(begin + i * kBundleLanes, blocks[i]);
+    for (int i = 0; i < count; ++i) store_block(begin + i * kBlockLanes, blocks[i]);
   }
   if (moves) {
     auto& block = system_.pose(group.system_pose);
@@ -313,39 +296,39 @@ bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& la
   for (double squared : block.squared) all_finite = all_finite && squared < INFINITY;
   bool loses = false;
   if (active != kAll || !all_finite) {
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       const bool finite = std::isfinite(block.squared[k]);
       is_lost_[begin + k] = active_[begin + k] && !finite;
       loses = loses || is_lost_[begin + k];
       if (!active_[begin + k] || !finite) clear_lane(block, k);
     }
   } else {
-    std::memset(&is_lost_[begin], 0, kBundleLanes);
+    std::memset(&is_lost_[begin], 0, kBlockLanes);
   }
   const bool is_weighted = !layout_.weight.empty();
   if (is_weighted) {
-    for (int k = 0; k < kBundleLanes; ++k) block.squared[k] *= layout_.weight[begin + k];
+    for (int k = 0; k < kBlockLanes; ++k) block.squared[k] *= layout_.weight[begin + k];
   }
   const RobustLoss loss = loss_;
   if (loss.kind == RobustLoss::Kind::kNone) {
     for (double& weight : block.weight) weight = 1;
-    for (int k = 0; k < kBundleLanes; ++k) lane_cost[begin + k] = 0.5 * block.squared[k];
+    for (int k = 0; k < kBlockLanes; ++k) lane_cost[begin + k] = 0.5 * block.squared[k];
   } else {
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       block.weight[k] = loss.weight(block.squared[k]);
       lane_cost[begin + k] = 0.5 * loss.cost(block.squared[k]);
     }
   }
   if (is_weighted) {
-    for (int k = 0; k < kBundleLanes; ++k) block.weight[k] *= layout_.weight[begin + k];
+    for (int k = 0; k < kBlockLanes; ++k) block.weight[k] *= layout_.weight[begin + k];
   }
-  for (int k = 0; k < kBundleLanes; ++k) lane_sums[k] += lane_cost[begin + k];
+  for (int k = 0; k < kBlockLanes; ++k) lane_sums[k] += lane_cost[begin + k];
   return loses;
 }
 
 template <int N>
 void BundleCore<N>::store_block(int begin, const Block& block) {
-  for (int k = 0; k < kBundleLanes; ++k) {
+  for (int k = 0; k < kBlockLanes; ++k) {
     double* terms = &point_terms_[9 * static_cast<size_t>(begin + k)];
     for (int c = 0; c < 9; ++c) terms[c] = block.point[c][k];
     const ObservationLayout::Lane& lane = layout_.lanes[begin + k];

@@ -4,12 +4,12 @@
 #include <memory>
 #include <vector>
 
-#include "raysfm/bundle/block_residual.h"
 #include "raysfm/bundle/bundle_problem.h"
-#include "raysfm/bundle/normal_kernel.h"
 #include "raysfm/bundle/observation_layout.h"
 #include "raysfm/optim/aligned_vector.h"
 #include "raysfm/optim/schur_system.h"
+#include "raysfm/residuals/block_residual.h"
+#include "raysfm/residuals/normal_kernel.h"
 
 namespace raysfm {
 

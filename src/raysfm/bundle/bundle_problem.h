@@ -9,6 +9,7 @@
 #include "raysfm/geometry/pose.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/robust_loss.h"
+#include "raysfm/residuals/bal_lens.h"
 
 namespace raysfm {
 
@@ -18,14 +19,6 @@ struct BundleObservation {
   int point = 0;
   int camera = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // pixels
-};
-
-// Lens of one image in the form of Bundle Adjustment in the Large (Agarwal et al. 2010): the camera looks
-// along -z; with p = -(x, y) / z the pixel is f (1 + k1 |p|^2 + k2 |p|^4) p, counted from the principal
-// point, x to the right, y up. A point with z >= 0 is behind the camera.
-struct BalLens {
-  double f = 1;  // pixels
-  double k1 = 0, k2 = 0;
 };
 
 // What is believed of the scale of a world that its observations hardly tell, so that it cannot drift along a

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include "raysfm/bundle/observation_block.h"
+#include "raysfm/residuals/observation_block.h"
 
 namespace raysfm {
 namespace {
@@ -32,7 +32,7 @@ bool in_range(int index, size_t size) {
 }  // namespace
 
 bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
-  constexpr size_t kMostObservations = std::numeric_limits<int>::max() / (2 * kBundleLanes);
+  constexpr size_t kMostObservations = std::numeric_limits<int>::max() / (2 * kBlockLanes);
   const size_t poses = problem.rig_from_world.size(), points = problem.points.size();
   const size_t observations = problem.observations.size();
   const auto fits = [](size_t flags, size_t size) { return flags == 0 || flags == size; };
@@ -91,7 +91,7 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
   system_point_.assign(problem.points.size(), -1);
   const bool one_camera = !problem.rays.empty() || !problem.lenses.empty();  // cameras are not looked at
   const auto pad = [&] {
-    while (lanes.size() % kBundleLanes != 0) {
+    while (lanes.size() % kBlockLanes != 0) {
       lanes.push_back({-1, lanes.back().point, -1, -1, false});
       u.push_back(0), v.push_back(0);
     }
@@ -145,10 +145,10 @@ void ObservationLayout::list_lanes_of_points() {
 
 // Lanes come by pose, so a point's lanes are met in the order of their poses.
 void ObservationLayout::assign_slots() {
-  group_of_block_.resize(lanes.size() / kBundleLanes);
+  group_of_block_.resize(lanes.size() / kBlockLanes);
   for (size_t g = 0; g < groups.size(); ++g) {
-    for (int k = groups[g].begin; k < groups[g].end; k += kBundleLanes) {
-      group_of_block_[k / kBundleLanes] = static_cast<int>(g);
+    for (int k = groups[g].begin; k < groups[g].end; k += kBlockLanes) {
+      group_of_block_[k / kBlockLanes] = static_cast<int>(g);
     }
   }
   point_begin.assign(1, 0);
@@ -156,7 +156,7 @@ void ObservationLayout::assign_slots() {
   for (size_t p = 0; p < points.size(); ++p) {
     for (int k = lane_begin[p]; k < lane_begin[p + 1]; ++k) {
       Lane& lane = lanes[lanes_of_point[k]];
-      const int pose = groups[group_of_block_[lanes_of_point[k] / kBundleLanes]].system_pose;
+      const int pose = groups[group_of_block_[lanes_of_point[k] / kBlockLanes]].system_pose;
       if (pose < 0) continue;
       const int first_of_point = point_begin.back();
       lane.opens_slot =

@@ -7,7 +7,7 @@
 namespace raysfm {
 
 // The inliers of a problem in the order in which the adjustment works on them: by pose, then by camera,
-// padded so that each group of one pose and one camera fills whole blocks of kBundleLanes lanes. Where no
+// padded so that each group of one pose and one camera fills whole blocks of kBlockLanes lanes. Where no
 // camera is looked at (rays, lenses), a pose is one group.
 //
 //     lanes   | pose 0, camera 0 . . . | pose 0, camera 1 . | pose 1, camera 0 . . |        . padding

@@ -1,14 +1,25 @@
 #include "raysfm/features/corner_selection.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 
 namespace raysfm {
 namespace {
 
 // Enough for the cells to even out the density, few enough corners per cell for the best to be good.
 constexpr int kCornersPerCell = 4;
+
+// Ordered by score and then the earlier corner, greatest first. Floats that are not negative compare like
+// their bits.
+uint64_t rank(const Corner& corner, int index) {
+  return uint64_t{std::bit_cast<uint32_t>(corner.score)} << 32 | ~static_cast<uint32_t>(index);
+}
+int index_of(uint64_t rank) {
+  return static_cast<int>(~static_cast<uint32_t>(rank));
+}
 
 }  // namespace
 
@@ -28,18 +39,20 @@ void CornerSelector::choose_per_cell(const std::vector<Corner>& corners, int wid
   starts_.assign(cells + 2, 0);
   for (const Corner& c : corners) ++starts_[cell_of(c) + 2];
   for (int i = 2; i < cells + 2; ++i) starts_[i] += starts_[i - 1];
-  order_.resize(corners.size());
-  for (int i = 0; i < static_cast<int>(corners.size()); ++i) order_[starts_[cell_of(corners[i]) + 1]++] = i;
-
-  const auto better = [&](int a, int b) {
-    return corners[a].score != corners[b].score ? corners[a].score > corners[b].score : a < b;
-  };
-  for (int cell = 0; cell < cells; ++cell) {
-    const auto begin = order_.begin() + starts_[cell], end = order_.begin() + starts_[cell + 1];
-    const auto last = begin + std::min<std::ptrdiff_t>(quota, end - begin);
-    if (last != end) std::nth_element(begin, last, end, better);
-    for (auto i = begin; i != last; ++i) chosen_[*i] = 1;
+  ranks_.resize(corners.size());
+  for (int i = 0; i < static_cast<int>(corners.size()); ++i) {
+    ranks_[starts_[cell_of(corners[i]) + 1]++] = rank(corners[i], i);
   }
+  for (int cell = 0; cell < cells; ++cell) {
+    choose_best({ranks_.begin() + starts_[cell], ranks_.begin() + starts_[cell + 1]}, quota);
+  }
+}
+
+void CornerSelector::choose_best(std::span<uint64_t> ranks, size_t count) {
+  count = std::min(count, ranks.size());
+  const auto last = ranks.begin() + static_cast<std::ptrdiff_t>(count);
+  if (last != ranks.end()) std::nth_element(ranks.begin(), last, ranks.end(), std::greater<>());
+  for (auto i = ranks.begin(); i != last; ++i) chosen_[index_of(*i)] = 1;
 }
 
 void CornerSelector::select(int width, int height, int max_corners, float spread,
@@ -49,16 +62,11 @@ void CornerSelector::select(int width, int height, int max_corners, float spread
   chosen_.assign(count, 0);
   choose_per_cell(*corners, width, height, max_corners, spread);
 
-  order_.clear();
+  ranks_.clear();
   for (int i = 0; i < count; ++i) {
-    if (!chosen_[i]) order_.push_back(i);
+    if (!chosen_[i]) ranks_.push_back(rank((*corners)[i], i));
   }
-  const int left = max_corners - (count - static_cast<int>(order_.size()));
-  const auto better = [&](int a, int b) {
-    return (*corners)[a].score != (*corners)[b].score ? (*corners)[a].score > (*corners)[b].score : a < b;
-  };
-  std::nth_element(order_.begin(), order_.begin() + left, order_.end(), better);
-  for (int i = 0; i < left; ++i) chosen_[order_[i]] = 1;
+  choose_best(ranks_, max_corners - (count - ranks_.size()));
 
   int kept = 0;
   for (int i = 0; i < count; ++i) {

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 namespace raysfm {
@@ -7,7 +10,7 @@ namespace raysfm {
 // A local maximum of the detector's response.
 struct Corner {
   float x = 0, y = 0;  // pixels, sub-pixel
-  float score = 0;
+  float score = 0;     // >= 0
 };
 
 // Chooses at most `max_corners`: first the best of every cell of a grid over the image, `spread` of them
@@ -21,9 +24,11 @@ class CornerSelector {
   void choose_per_cell(const std::vector<Corner>& corners, int width, int height, int max_corners,
                        float spread);
 
-  std::vector<int> starts_;   // of each cell in order_
-  std::vector<int> order_;    // corners by cell
-  std::vector<char> chosen_;  // per corner
+  void choose_best(std::span<uint64_t> ranks, size_t count);
+
+  std::vector<int> starts_;      // of each cell in ranks_
+  std::vector<uint64_t> ranks_;  // of corners, by cell
+  std::vector<char> chosen_;     // per corner
 };
 
 }  // namespace raysfm

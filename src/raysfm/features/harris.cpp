@@ -17,14 +17,25 @@ constexpr int kMaskReach = 6;   // pixels; what lies this close to the edge of t
 constexpr int kWindowRows = 5;  // rows of products that one row of response needs
 constexpr int kMaximaRows = 5;  // rows of response that one row of maxima needs
 
+// The image is worked on strip by strip, so that the rows that a stage looks at stay in the nearest cache.
+constexpr int kStripWidth = 256;
+constexpr int kStripMargin = 8;  // at least what a corner depends on to either side: kMinBorder
+
+// Columns [begin, end) of an image, and [left, right) about them that are looked at.
+struct Strip {
+  int begin, end;
+  int left, right;
+};
+
 // Rows that are reused in turn, their first columns aligned to 64 bytes.
+template <int kRows>
 class RowRing {
  public:
-  void reset(int rows, int width) {
-    data_.resize(width + 2 * kRowMargin, rows);
-    for (int y = 0; y < rows; ++y) std::fill_n(data_.row(y), data_.width(), 0.0f);
+  void reset(int width) {
+    data_.resize(width + 2 * kRowMargin, kRows);
+    for (int y = 0; y < kRows; ++y) std::fill_n(data_.row(y), data_.width(), 0.0f);
   }
-  float* row(int y) { return data_.row(y % data_.height()) + kRowMargin; }
+  float* row(int y) { return data_.row(static_cast<int>(static_cast<unsigned>(y) % kRows)) + kRowMargin; }
 
  private:
   Image<float> data_;
@@ -50,19 +61,33 @@ bool sees_the_scene(const GrayView& mask, int octave, int x, int y) {
 }  // namespace
 
 struct HarrisDetector::Scratch {
-  RowRing product_xx, product_xy, product_yy;  // of the current row
-  RowRing smooth_xx, smooth_xy, smooth_yy;     // filtered along the row
-  RowRing response;
+  RowRing<1> product_xx, product_xy, product_yy;         // of the current row
+  RowRing<kWindowRows> smooth_xx, smooth_xy, smooth_yy;  // filtered along the row
+  RowRing<kMaximaRows> response, greatest;               // and its max_along_row()
   std::vector<int> columns;
-  std::vector<Corner> corners;
+  std::vector<Corner> found, corners;
+  std::vector<int> rows, row_begin;  // of `found`; of `corners`, by row
   CornerSelector selector;
 
   void reset(int width) {
-    for (RowRing* ring : {&product_xx, &product_xy, &product_yy}) ring->reset(1, width);
-    for (RowRing* ring : {&smooth_xx, &smooth_xy, &smooth_yy}) ring->reset(kWindowRows, width);
-    response.reset(kMaximaRows, width);
+    for (auto* ring : {&product_xx, &product_xy, &product_yy}) ring->reset(width);
+    for (auto* ring : {&smooth_xx, &smooth_xy, &smooth_yy}) ring->reset(width);
+    for (auto* ring : {&response, &greatest}) ring->reset(width);
     columns.resize(width);
-    corners.clear();
+  }
+
+  // Each stage follows the one before by as many rows as it looks down, so that all of its input is in cache.
+  void detect(const GrayView& image, const HarrisOptions& options, int border, const Strip& strip) {
+    const GrayView part = {image.data + strip.left, strip.right - strip.left, image.height, image.stride};
+    for (int y = 1; y < image.height - 1; ++y) {
+      add_products(part, y);
+      const int response_row = y - kWindowRows / 2;
+      if (response_row < 1 + kWindowRows / 2) continue;
+      add_response(part.width, options.k, response_row);
+      const int corner_row = response_row - kMaximaRows / 2;
+      if (corner_row < border || corner_row >= image.height - border) continue;
+      add_corners(options, strip, corner_row);
+    }
   }
 
   void add_products(const GrayView& image, int y) {
@@ -82,20 +107,32 @@ struct HarrisDetector::Scratch {
       yy[i] = smooth_yy.row(row);
     }
     harris_response(xx.data(), xy.data(), yy.data(), width, k, response.row(y));
+    max_along_row(response.row(y), width, greatest.row(y));
   }
 
-  void add_corners(const HarrisOptions& options, int border, int width, int y) {
-    std::array<const float*, kMaximaRows> rows;
-    for (int i = 0; i < kMaximaRows; ++i) rows[i] = response.row(y - kMaximaRows / 2 + i);
-    const int count = find_maxima(rows.data(), border, width - border, options.min_score, columns.data());
+  void add_corners(const HarrisOptions& options, const Strip& strip, int y) {
+    std::array<const float*, kMaximaRows> around;
+    for (int i = 0; i < kMaximaRows; ++i) around[i] = greatest.row(y - kMaximaRows / 2 + i);
+    const float *above = response.row(y - 1), *row = response.row(y), *below = response.row(y + 1);
+    const int count = find_maxima(row, around.data(), strip.begin - strip.left, strip.end - strip.left,
+                                  options.min_score, columns.data());
     for (int i = 0; i < count; ++i) {
-      const int x = columns[i];
+      const int column = columns[i], x = strip.left + column;
       if (!options.mask.empty() && !sees_the_scene(options.mask, options.octave, x, y)) continue;
-      const float centre = rows[2][x];
-      const float dx = parabola_peak(rows[2][x - 1], centre, rows[2][x + 1]);
-      const float dy = parabola_peak(rows[1][x], centre, rows[3][x]);
-      corners.push_back({static_cast<float>(x) + dx, static_cast<float>(y) + dy, centre});
+      const float dx = parabola_peak(row[column - 1], row[column], row[column + 1]);
+      const float dy = parabola_peak(above[column], row[column], below[column]);
+      found.push_back({static_cast<float>(x) + dx, static_cast<float>(y) + dy, row[column]});
+      rows.push_back(y);
     }
+  }
+
+  // From strip by strip to scan order.
+  void sort_corners(int height) {
+    row_begin.assign(height + 1, 0);
+    for (const int y : rows) ++row_begin[y + 1];
+    for (int y = 0; y < height; ++y) row_begin[y + 1] += row_begin[y];
+    corners.resize(found.size());
+    for (size_t i = 0; i < found.size(); ++i) corners[row_begin[rows[i]]++] = found[i];
   }
 };
 
@@ -110,17 +147,14 @@ void HarrisDetector::detect(const GrayView& image, const HarrisOptions& options,
   if (image.width <= 2 * border || image.height <= 2 * border || options.max_features <= 0) return;
 
   Scratch& s = *scratch_;
-  s.reset(image.width);
-  // Each stage follows the one before by as many rows as it looks down, so that all of its input is in cache.
-  for (int y = 1; y < image.height - 1; ++y) {
-    s.add_products(image, y);
-    const int response_row = y - kWindowRows / 2;
-    if (response_row < 1 + kWindowRows / 2) continue;
-    s.add_response(image.width, options.k, response_row);
-    const int corner_row = response_row - kMaximaRows / 2;
-    if (corner_row < border || corner_row >= image.height - border) continue;
-    s.add_corners(options, border, image.width, corner_row);
+  s.found.clear(), s.rows.clear();
+  s.reset(std::min(image.width, kStripWidth + 2 * kStripMargin));
+  for (int begin = border; begin < image.width - border; begin += kStripWidth) {
+    const int end = std::min(begin + kStripWidth, image.width - border);
+    s.detect(image, options, border,
+             {begin, end, std::max(0, begin - kStripMargin), std::min(image.width, end + kStripMargin)});
   }
+  s.sort_corners(image.height);
   s.selector.select(image.width, image.height, options.max_features, options.spread, &s.corners);
   for (const Corner& c : s.corners) {
     features->pixels.push_back(out_of_octave({c.x, c.y}, options.octave));

@@ -35,8 +35,9 @@ bool gradient_products_by_vectors(const uint8_t* above, const uint8_t* row, cons
   const int lanes = static_cast<int>(hn::Lanes(shorts));
   if (width - 2 < lanes) return false;
   const auto load = [&](const uint8_t* p) HWY_ATTR { return hn::PromoteTo(shorts, hn::LoadU(bytes, p)); };
-  for (int step = 1; step < width - 1; step += lanes) {
-    const int x = std::min(step, width - 1 - lanes);  // the last vector overlaps the one before
+  // All but the first vector are aligned where they are written, the last unless it overlaps the one before.
+  for (int step = 1; step < width - 1; step = (step + lanes) / lanes * lanes) {
+    const int x = std::min(step, width - 1 - lanes);
     const auto above_left = load(above + x - 1), above_right = load(above + x + 1);
     const auto below_left = load(below + x - 1), below_right = load(below + x + 1);
     const auto across = hn::Sub(load(row + x + 1), load(row + x - 1));
@@ -82,17 +83,24 @@ void smooth_along_row(const float* in, int width, float* out) {
   }
 }
 
+// Five rows; a copy, which no store can change, so that their addresses stay in registers.
+struct Rows {
+  explicit Rows(const float* const row[5]) : a(row[0]), b(row[1]), c(row[2]), d(row[3]), e(row[4]) {}
+  const float *a, *b, *c, *d, *e;
+};
+
 void harris_response(const float* const xx[5], const float* const xy[5], const float* const yy[5], int width,
                      float k, float* response) {
   const int lanes = static_cast<int>(hn::Lanes(kFloats));
+  const Rows rows_xx(xx), rows_xy(xy), rows_yy(yy);
   const auto scale = hn::Set(kFloats, kSumsToMean * kSumsToMean);
   const auto weight = hn::Set(kFloats, k);
   for (int x = 0; x < width; x += lanes) {
-    const auto window = [&](const float* const r[5]) HWY_ATTR {
-      const auto load = [&](int i) HWY_ATTR { return hn::LoadU(kFloats, r[i] + x); };
-      return binomial(load(0), load(1), load(2), load(3), load(4));
+    const auto window = [x](const Rows& r) HWY_ATTR {
+      const auto load = [x](const float* row) HWY_ATTR { return hn::LoadU(kFloats, row + x); };
+      return binomial(load(r.a), load(r.b), load(r.c), load(r.d), load(r.e));
     };
-    const auto a = window(xx), b = window(xy), c = window(yy);
+    const auto a = window(rows_xx), b = window(rows_xy), c = window(rows_yy);
     const auto det = hn::Sub(hn::Mul(a, c), hn::Mul(b, b));
     const auto trace = hn::Add(a, c);
     const auto sum = hn::Sub(det, hn::Mul(weight, hn::Mul(trace, trace)));
@@ -100,33 +108,35 @@ void harris_response(const float* const xx[5], const float* const xy[5], const f
   }
 }
 
-// Greatest of the five values around each column from x on.
-HWY_INLINE auto max_along_row(const float* row, int x) {
-  const auto load = [&](int dx) HWY_ATTR { return hn::LoadU(kFloats, row + x + dx); };
-  return hn::Max(hn::Max(hn::Max(load(-2), load(-1)), hn::Max(load(1), load(2))), load(0));
+void max_along_row(const float* in, int width, float* out) {
+  const int lanes = static_cast<int>(hn::Lanes(kFloats));
+  for (int x = 0; x < width; x += lanes) {
+    const auto load = [&](int dx) HWY_ATTR { return hn::LoadU(kFloats, in + x + dx); };
+    const auto sides = hn::Max(hn::Max(load(-2), load(-1)), hn::Max(load(1), load(2)));
+    hn::StoreU(hn::Max(sides, load(0)), kFloats, out + x);
+  }
 }
 
-int find_maxima(const float* const rows[5], int begin, int end, float min_score, int* columns) {
+int find_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
+                int* columns) {
   const int lanes = static_cast<int>(hn::Lanes(kFloats));
   const auto least = hn::Set(kFloats, min_score);
+  const Rows g(greatest);
   int count = 0;
-  for (int x = begin; x < end; x += lanes) {
-    const auto load = [&](int row, int dx) HWY_ATTR { return hn::LoadU(kFloats, rows[row] + x + dx); };
-    const auto centre = load(2, 0);
-    // The near neighbours leave so few that the branch is rarely taken; the far ones decide.
-    const auto before = hn::Max(hn::Max(load(2, -1), load(2, -2)), load(1, 0));
-    const auto after = hn::Max(hn::Max(hn::Max(load(2, 1), load(2, 2)), load(3, 0)), least);
-    auto is_max = hn::And(hn::Gt(centre, before), hn::Ge(centre, after));
+  for (int x = begin / lanes * lanes; x < end; x += lanes) {
+    const auto load = [x](const float* from) HWY_ATTR { return hn::LoadU(kFloats, from + x); };
+    const auto centre = load(row);
+    const auto after = hn::Max(hn::Max(load(g.c), least), hn::Max(load(g.d), load(g.e)));
+    const auto is_max = hn::And(hn::Gt(centre, hn::Max(load(g.a), load(g.b))), hn::Ge(centre, after));
     if (hn::AllFalse(kFloats, is_max)) continue;
-    is_max = hn::And(is_max, hn::Gt(centre, hn::Max(max_along_row(rows[0], x), max_along_row(rows[1], x))));
-    is_max = hn::And(is_max, hn::Ge(centre, hn::Max(max_along_row(rows[3], x), max_along_row(rows[4], x))));
     uint8_t bytes[8] = {};
     hn::StoreMaskBits(kFloats, is_max, bytes);
     uint64_t bits = 0;
     for (int i = 0; i < 8; ++i) bits |= uint64_t{bytes[i]} << (8 * i);
     for (; bits != 0; bits &= bits - 1) {
       const int column = x + std::countr_zero(bits);
-      if (column < end) columns[count++] = column;
+      const bool is_first = row[column] > row[column - 1] && row[column] > row[column - 2];
+      if (column >= begin && column < end && is_first) columns[count++] = column;
     }
   }
   return count;
@@ -142,6 +152,7 @@ namespace raysfm {
 HWY_EXPORT(gradient_products);
 HWY_EXPORT(smooth_along_row);
 HWY_EXPORT(harris_response);
+HWY_EXPORT(max_along_row);
 HWY_EXPORT(find_maxima);
 
 void gradient_products(const uint8_t* above, const uint8_t* row, const uint8_t* below, int width, float* xx,
@@ -158,8 +169,13 @@ void harris_response(const float* const xx[5], const float* const xy[5], const f
   HWY_DYNAMIC_DISPATCH(harris_response)(xx, xy, yy, width, k, response);
 }
 
-int find_maxima(const float* const rows[5], int begin, int end, float min_score, int* columns) {
-  return HWY_DYNAMIC_DISPATCH(find_maxima)(rows, begin, end, min_score, columns);
+void max_along_row(const float* in, int width, float* out) {
+  HWY_DYNAMIC_DISPATCH(max_along_row)(in, width, out);
+}
+
+int find_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
+                int* columns) {
+  return HWY_DYNAMIC_DISPATCH(find_maxima)(row, greatest, begin, end, min_score, columns);
 }
 
 }  // namespace raysfm

@@ -25,9 +25,13 @@ void smooth_along_row(const float* in, int width, float* out);
 void harris_response(const float* const xx[5], const float* const xy[5], const float* const yy[5], int width,
                      float k, float* response);
 
-// Columns in [begin, end) of rows[2] with a response of at least `min_score` that is the greatest of the 5 x
-// 5 around it (of equal ones, the first in scan order). Returns how many were written to `columns`, which has
-// room for end - begin.
-int find_maxima(const float* const rows[5], int begin, int end, float min_score, int* columns);
+// Greatest of the five values around each column.
+void max_along_row(const float* in, int width, float* out);
+
+// Columns in [begin, end) of a row of responses that are at least `min_score` and the greatest of the 5 x 5
+// around them (of equal ones, the first in scan order). greatest[i] is max_along_row() of row i - 2 from this
+// one. Returns how many were written to `columns`, which has room for end - begin.
+int find_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
+                int* columns);
 
 }  // namespace raysfm

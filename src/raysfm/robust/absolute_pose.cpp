@@ -86,9 +86,8 @@ class PoseRansac {
   static constexpr int kMaxModels = kRays == 3 ? kMaxGeneralisedP3pPoses : 1;
 
   // `prior` is used by samples of five.
-  PoseRansac(const RayTable& table, const PoseResiduals& residuals, const Rigid3& prior,
-             std::vector<int>* scratch)
-      : table_(table), residuals_(residuals), prior_(prior), scratch_(scratch) {}
+  PoseRansac(const Rig& rig, const PoseObservations& observations, const RayTable& table, const Rigid3& prior)
+      : rig_(rig), observations_(observations), table_(table), prior_(prior) {}
 
   int size() const { return table_.size(); }
 
@@ -97,7 +96,7 @@ class PoseRansac {
     return true;
   }
 
-  int generate(const std::array<int, kRays>& sample, std::array<Rigid3, kMaxModels>* rig_from_world) const {
+  int generate(const std::array<int, kRays>& sample, std::array<Rigid3, kMaxModels>* rig_from_world) {
     if constexpr (kRays == 3) {
       std::array<Ray, 3> rays;
       std::array<Vector3d, 3> points;
@@ -105,10 +104,11 @@ class PoseRansac {
       return generalised_p3p(rays, points, rig_from_world);
     } else {
       constexpr int kIterations = 20;
-      std::array<int, kRays> active;
-      for (int i = 0; i < kRays; ++i) active[i] = table_.observations[sample[i]];
+      std::array<int, kRays> observations;
+      for (int i = 0; i < kRays; ++i) observations[i] = table_.observations[sample[i]];
+      residuals_.load(rig_, observations_, observations);
       (*rig_from_world)[0] = prior_;
-      minimise_pose(residuals_, active, {}, kIterations, &(*rig_from_world)[0]);
+      minimise_pose(residuals_, {}, kIterations, &(*rig_from_world)[0]);
       return 1;
     }
   }
@@ -129,16 +129,18 @@ class PoseRansac {
   }
 
   // A few iterations on at most kMaxPoints of the inliers, evenly spread.
-  void refine(Rigid3* rig_from_world) const {
+  void refine(Rigid3* rig_from_world) {
     constexpr int kMaxPoints = 150, kIterations = 4;
-    collect_inliers(*rig_from_world, scratch_);
-    const size_t stride = (scratch_->size() + kMaxPoints - 1) / kMaxPoints;
+    collect_inliers(*rig_from_world, &inliers_);
+    const size_t stride = (inliers_.size() + kMaxPoints - 1) / kMaxPoints;
     if (stride > 1) {
       size_t kept = 0;
-      for (size_t i = 0; i < scratch_->size(); i += stride) (*scratch_)[kept++] = (*scratch_)[i];
-      scratch_->resize(kept);
+      for (size_t i = 0; i < inliers_.size(); i += stride) inliers_[kept++] = inliers_[i];
+      inliers_.resize(kept);
     }
-    if (scratch_->size() >= 4) minimise_pose(residuals_, *scratch_, {}, kIterations, rig_from_world);
+    if (inliers_.size() < 4) return;
+    residuals_.load(rig_, observations_, inliers_);
+    minimise_pose(residuals_, {}, kIterations, rig_from_world);
   }
 
  private:
@@ -158,16 +160,18 @@ class PoseRansac {
     }
   }
 
+  const Rig& rig_;
+  const PoseObservations& observations_;
   const RayTable& table_;
-  const PoseResiduals& residuals_;
   Rigid3 prior_;
-  std::vector<int>* scratch_;
+  PoseResiduals residuals_;
+  std::vector<int> inliers_;
 };
 
 template <int kRays>
-RansacReport search(const RayTable& table, const PoseResiduals& residuals, const Rigid3* prior,
-                    const PoseOptions& options, std::vector<int>* scratch, Rigid3* rig_from_world) {
-  PoseRansac<kRays> problem(table, residuals, prior ? *prior : Rigid3{}, scratch);
+RansacReport search(const Rig& rig, const PoseObservations& observations, const RayTable& table,
+                    const Rigid3* prior, const PoseOptions& options, Rigid3* rig_from_world) {
+  PoseRansac<kRays> problem(rig, observations, table, prior ? *prior : Rigid3{});
   const RansacScore start =
       prior ? problem.score(*prior, std::numeric_limits<double>::infinity()) : RansacScore{};
   return ransac(problem,
@@ -178,15 +182,12 @@ RansacReport search(const RayTable& table, const PoseResiduals& residuals, const
                 rig_from_world, start);
 }
 
-// Marks the observations within max_error_px; true when a mark changed.
-bool mark_inliers(const PoseResiduals& residuals, double max_error_px, PoseEstimate* result) {
-  const Matrix3d rotation = result->rig_from_world.rotation.toRotationMatrix();
+// Marks the observations within max_error_px, whose squared residuals are given; true when a mark changed.
+bool mark_inliers(std::span<const double> squared, double max_error_px, PoseEstimate* result) {
   bool changed = false;
   result->inlier_count = 0;
-  for (int i = 0; i < residuals.size(); ++i) {
-    Vector2d r;
-    const bool inlier = residuals.evaluate(rotation, result->rig_from_world.translation, i, &r, nullptr) &&
-                        r.squaredNorm() <= max_error_px * max_error_px;
+  for (size_t i = 0; i < squared.size(); ++i) {
+    const bool inlier = squared[i] <= max_error_px * max_error_px;
     changed |= inlier != (result->inlier[i] != 0);
     result->inlier[i] = inlier;
     result->inlier_count += inlier;
@@ -196,14 +197,12 @@ bool mark_inliers(const PoseResiduals& residuals, double max_error_px, PoseEstim
 
 // Scale of the residuals for which scale^2 (J^T J)^-1 is the covariance of the M-estimate: the mean square of
 // psi over the square of the mean of its derivative, psi(r) = weight(|r|^2) r.
-double effective_sigma(const PoseResiduals& residuals, std::span<const int> active, const RobustLoss& loss,
-                       const Rigid3& rig_from_world) {
+double effective_sigma(std::span<const double> squared, std::span<const int> active, const RobustLoss& loss) {
   constexpr double kStep = 1e-4;  // relative, for the derivative of the weight
   double psi2 = 0, slope = 0;
   for (const int i : active) {
-    Vector2d r;
-    if (!residuals.evaluate(rig_from_world, i, &r, nullptr)) continue;
-    const double s = r.squaredNorm(), weight = loss.weight(s);
+    const double s = squared[i], weight = loss.weight(s);
+    if (!std::isfinite(s)) continue;
     psi2 += weight * weight * s;
     // Half the trace of d psi / d r.
     slope += weight + (loss.weight(s * (1 + kStep)) - loss.weight(s * (1 - kStep))) / (2 * kStep);
@@ -236,7 +235,14 @@ Matrix6d covariance_in_world(const Rigid3& rig_from_world, const Matrix6d& covar
 
 struct PoseEstimator::Workspace {
   RayTable rays;
+  PoseResiduals all, some;
+  std::vector<double> squared;  // residuals of all
   std::vector<int> active;
+
+  bool mark(double max_error_px, PoseEstimate* result) {
+    all.square(result->rig_from_world, &squared);
+    return mark_inliers(squared, max_error_px, result);
+  }
 };
 
 PoseEstimator::PoseEstimator() : workspace_(std::make_unique<Workspace>()) {}
@@ -256,52 +262,57 @@ void PoseEstimator::estimate(const Rig& rig, const PoseObservations& observation
   result->rig_from_world = prior ? *prior : Rigid3{};
   if (count < std::max(4, options.min_inliers)) return;
 
-  const PoseResiduals residuals(rig, observations);
-  if (prior) mark_inliers(residuals, options.max_error_px, result);
+  Workspace& w = *workspace_;
+  w.all.load(rig, observations);
+  if (prior) w.mark(options.max_error_px, result);
   const bool prior_is_good = prior && result->inlier_count >= options.min_inliers &&
                              result->inlier_count >= options.prior_inlier_ratio * count;
   if (!prior_is_good) {
-    RayTable& rays = workspace_->rays;
-    fill(rig, observations, options.max_error_px, &rays);
-    if (rays.size() < std::max(4, options.min_inliers)) return;
+    fill(rig, observations, options.max_error_px, &w.rays);
+    if (w.rays.size() < std::max(4, options.min_inliers)) return;
     const auto method = options.method == PoseMethod::kThreeRays ? search<3> : search<5>;
-    const RansacReport report =
-        method(rays, residuals, prior, options, &workspace_->active, &result->rig_from_world);
+    const RansacReport report = method(rig, observations, w.rays, prior, options, &result->rig_from_world);
     result->iterations = report.iterations;
     result->problem = PoseProblem::kTooFewInliers;
     if (!report.found()) return;
-    mark_inliers(residuals, options.max_error_px, result);
+    w.mark(options.max_error_px, result);
   }
-  refine(rig, observations, options, result);
+  refine_loaded(rig, observations, options, result);
 }
 
 void PoseEstimator::refine(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
                            PoseEstimate* result) {
+  workspace_->all.load(rig, observations);
+  refine_loaded(rig, observations, options, result);
+}
+
+void PoseEstimator::refine_loaded(const Rig& rig, const PoseObservations& observations,
+                                  const PoseOptions& options, PoseEstimate* result) {
   constexpr int kMaxRounds = 4;
   constexpr int kFirstIterations = 1;  // the inliers will change: no use in converging
-  const PoseResiduals residuals(rig, observations);
-  std::vector<int>& active = workspace_->active;
-  const int needed = std::max(4, options.min_inliers);
-  const auto collect = [&] {
-    active.clear();
-    for (int i = 0; i < residuals.size(); ++i) {
-      if (result->inlier[i]) active.push_back(i);
+  Workspace& w = *workspace_;
+  const auto load_inliers = [&] {
+    w.active.clear();
+    for (int i = 0; i < observations.size(); ++i) {
+      if (result->inlier[i]) w.active.push_back(i);
     }
-    result->inlier_count = static_cast<int>(active.size());
-    return result->inlier_count >= needed;
+    w.some.load(rig, observations, w.active);
+    result->inlier_count = static_cast<int>(w.active.size());
+    return result->inlier_count >= std::max(4, options.min_inliers);
   };
   result->problem = PoseProblem::kTooFewInliers;
-  if (!collect()) return;
+  if (!load_inliers()) return;
   for (int round = 0; round < kMaxRounds; ++round) {
     const int iterations = round == 0 ? kFirstIterations : options.max_refinements;
-    minimise_pose(residuals, active, options.loss, iterations, &result->rig_from_world);
-    if (!mark_inliers(residuals, options.max_error_px, result) && round > 0) break;
-    if (!collect()) return;
+    minimise_pose(w.some, options.loss, iterations, &result->rig_from_world);
+    const bool changed = w.mark(options.max_error_px, result);
+    if (!changed && round > 0) break;
+    if (changed && !load_inliers()) return;
   }
-  const auto normal = residuals.normal_equations(result->rig_from_world, active, {});
+  const auto normal = w.some.normal_equations(result->rig_from_world, {});
   result->problem = PoseProblem::kDegenerate;
   if (!invert(normal.hessian, &result->covariance)) return;
-  result->sigma_px = effective_sigma(residuals, active, options.loss, result->rig_from_world);
+  result->sigma_px = effective_sigma(w.squared, w.active, options.loss);
   result->covariance *= result->sigma_px * result->sigma_px;
   result->problem = PoseProblem::kNone;
 }

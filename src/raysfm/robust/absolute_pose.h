@@ -84,6 +84,9 @@ class PoseEstimator {
               PoseEstimate* result);
 
  private:
+  void refine_loaded(const Rig& rig, const PoseObservations& observations, const PoseOptions& options,
+                     PoseEstimate* result);
+
   struct Workspace;
   std::unique_ptr<Workspace> workspace_;
 };

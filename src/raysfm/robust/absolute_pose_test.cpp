@@ -46,9 +46,9 @@ Rig three_cameras() {
 struct Scene {
   Rig rig;
   Rigid3 rig_from_world;
-  std::vector<Vector3d> points;
-  std::vector<Vector2d> pixels;
-  std::vector<int> cameras;
+  std::vector<Vector3d> points = {};
+  std::vector<Vector2d> pixels = {};
+  std::vector<int> cameras = {};
   std::vector<ObservedRay> rays = {};
   std::vector<float> sigmas = {};
 
@@ -98,16 +98,17 @@ TEST(PoseResiduals, JacobianIsTheDerivative) {
   Rng rng(1);
   const Scene scene = make_scene(three_cameras(), 30, 2, 0, rng);
   const PoseObservations observations = scene.observations();
-  const PoseResiduals residuals(scene.rig, observations);
+  PoseResiduals residuals;
+  residuals.load(scene.rig, observations);
   for (int i = 0; i < 30; ++i) {
     Vector2d r, plus, minus;
-    PoseResiduals::Jacobian jacobian;
+    PoseResiduals::Jacobian jacobian, unused;
     ASSERT_TRUE(residuals.evaluate(scene.rig_from_world, i, &r, &jacobian));
     for (int k = 0; k < 6; ++k) {
       constexpr double kStep = 1e-6;
       const Vector6d delta = kStep * Vector6d::Unit(k);
-      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, delta), i, &plus, nullptr));
-      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, -delta), i, &minus, nullptr));
+      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, delta), i, &plus, &unused));
+      ASSERT_TRUE(residuals.evaluate(retract(scene.rig_from_world, -delta), i, &minus, &unused));
       const Vector2d numeric = (plus - minus) / (2 * kStep);
       EXPECT_LT((numeric - jacobian.col(k)).norm(), 1e-4 * (1 + numeric.norm()));
     }
@@ -129,12 +130,14 @@ TEST(PoseResiduals, OfRaysAreThoseOfPixelsForASmallError) {
   Rng rng(11);
   Scene scene = make_scene(three_cameras(), 30, 0.05, 0, rng);
   const PoseObservations pixels = scene.observations();
-  const PoseResiduals pixel_residuals(scene.rig, pixels);
+  PoseResiduals pixel_residuals;
+  pixel_residuals.load(scene.rig, pixels);
   Scene seen = scene;
   seen.keep_rays_alone();
   const PoseObservations rays{seen.points, {}, {}, seen.rays};
   const Rig no_rig;
-  const PoseResiduals ray_residuals(no_rig, rays);
+  PoseResiduals ray_residuals;
+  ray_residuals.load(no_rig, rays);
   for (int i = 0; i < 30; ++i) {
     Vector2d by_pixel, by_ray;
     PoseResiduals::Jacobian jacobian, ray_jacobian;

@@ -3,6 +3,10 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+
+#include "raysfm/residuals/block_residual.h"
+#include "raysfm/residuals/normal_kernel.h"
 
 namespace raysfm {
 
@@ -10,79 +14,126 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-PoseResiduals::PoseResiduals(const Rig& rig, const PoseObservations& observations)
-    : rig_(rig), observations_(observations) {
-  for (const Camera& camera : rig.cameras) {
-    const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
-    cam_from_rig_rotation_.push_back(cam_from_rig.rotation.toRotationMatrix());
-    cam_from_rig_translation_.push_back(cam_from_rig.translation);
+void PoseResiduals::load(const Rig& rig, const PoseObservations& observations) {
+  all_.resize(observations.size());
+  std::iota(all_.begin(), all_.end(), 0);
+  load(rig, observations, all_);
+}
+
+// Group by group, so that all lanes of a block have one camera.
+void PoseResiduals::load(const Rig& rig, const PoseObservations& observations, std::span<const int> indices) {
+  rig_ = &rig;
+  has_rays_ = !observations.rays.empty();
+  groups_.clear(), blocks_.clear(), rays_.clear(), u_.clear(), v_.clear();
+  lane_of_.resize(indices.size());
+  const int cameras = has_rays_ ? 1 : static_cast<int>(rig.cameras.size());
+  for (int c = 0; c < cameras; ++c) {
+    const int begin = static_cast<int>(blocks_.size());
+    int lane = begin * kBlockLanes;
+    for (size_t k = 0; k < indices.size(); ++k) {
+      if (!has_rays_ && observations.camera(indices[k]) != c) continue;
+      lane_of_[k] = lane;
+      set_lane(observations, indices[k], lane++);
+    }
+    groups_.push_back({c, begin, static_cast<int>(blocks_.size())});
   }
 }
 
-bool PoseResiduals::pixel_residual(const Vector3d& in_rig, int i, Vector2d* residual,
-                                   Eigen::Matrix<double, 2, 3>* by_point) const {
-  const int c = observations_.camera(i);
-  const Vector3d in_cam = cam_from_rig_rotation_[c] * in_rig + cam_from_rig_translation_[c];
-  Vector2d pixel;
-  if (!rig_.cameras[c].project(in_cam, &pixel, by_point)) return false;
-  *residual = pixel - observations_.pixels[i];
-  if (by_point) *by_point = (*by_point * cam_from_rig_rotation_[c]).eval();
-  return true;
+void PoseResiduals::set_lane(const PoseObservations& observations, int i, int lane) {
+  const int k = lane % kBlockLanes;
+  if (k == 0) {
+    blocks_.push_back({});
+    if (has_rays_) rays_.push_back({});
+    u_.resize(lane + kBlockLanes), v_.resize(lane + kBlockLanes);
+  }
+  Block& block = blocks_.back();
+  for (int c = 0; c < 3; ++c) block.point_in_world[c][k] = observations.points_in_world[i][c];
+  const double sigma = observations.sigma(i);
+  block.inverse_variance[k] = 1.0 / (sigma * sigma);
+  if (has_rays_) {
+    set_ray(observations.rays[i], k, &rays_.back());
+  } else {
+    u_[lane] = observations.pixels[i].x(), v_[lane] = observations.pixels[i].y();
+  }
 }
 
-bool PoseResiduals::evaluate(const Matrix3d& rig_from_world_rotation,
-                             const Vector3d& rig_from_world_translation, int i, Vector2d* residual,
-                             Jacobian* jacobian) const {
-  const Vector3d in_rig =
-      rig_from_world_rotation * observations_.points_in_world[i] + rig_from_world_translation;
-  Eigen::Matrix<double, 2, 3> by_point;
-  if (!observations_.rays.empty()) {
-    if (!observations_.rays[i].residual(in_rig, residual, jacobian ? &by_point : nullptr)) return false;
-  } else if (!pixel_residual(in_rig, i, residual, jacobian ? &by_point : nullptr)) {
-    return false;
-  }
-  if (!observations_.sigmas.empty()) {
-    const double inverse = 1.0 / observations_.sigmas[i];
-    *residual *= inverse;
-    if (jacobian) by_point *= inverse;
-  }
-  if (jacobian) {
-    // d in_rig = v + w x in_rig, and a . (w x p) = w . (p x a).
-    jacobian->leftCols<3>() = by_point;
-    for (int row = 0; row < 2; ++row) {
-      const Vector3d a = jacobian->block<1, 3>(row, 0);
-      jacobian->block<1, 3>(row, 3) = in_rig.cross(a);
+// f(block, index of the block) with residuals and derivatives at a pose; squares are over the variance.
+template <typename F>
+void PoseResiduals::for_each_block(const Rigid3& rig_from_world, F f) const {
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = rig_from_world.rotation.toRotationMatrix();
+  ObservationBlock<6> block;
+  for (const Group& group : groups_) {
+    const auto work = [&](const BlockResidual& residual) {
+      for (int b = group.begin; b < group.end; ++b) {
+        std::copy_n(&blocks_[b].point_in_world[0][0], 3 * kBlockLanes, &block.x[0][0]);
+        transform_points(rotation.data(), rig_from_world.translation.data(), &block);
+        residual.evaluate(b * kBlockLanes, true, &block);
+        for (int k = 0; k < kBlockLanes; ++k) block.squared[k] *= blocks_[b].inverse_variance[k];
+        f(block, b);
+      }
+    };
+    if (has_rays_) {
+      work(AngularResidual(rays_.data()));
+    } else {
+      with_pixel_residual(rig_->cameras[group.camera], u_.data(), v_.data(), work);
     }
   }
-  return true;
+}
+
+bool PoseResiduals::evaluate(const Rigid3& rig_from_world, int i, Vector2d* residual,
+                             Jacobian* jacobian) const {
+  bool valid = false;
+  for_each_block(rig_from_world, [&](const ObservationBlock<6>& block, int b) {
+    if (lane_of_[i] / kBlockLanes != b) return;
+    const int k = lane_of_[i] % kBlockLanes;
+    const double inverse_sigma = std::sqrt(blocks_[b].inverse_variance[k]);
+    valid = std::isfinite(block.squared[k]);
+    const Vector3d in_rig(block.x[0][k], block.x[1][k], block.x[2][k]);
+    for (int row = 0; row < 2; ++row) {
+      (*residual)[row] = inverse_sigma * block.residual[row][k];
+      // d in_rig = v + w x in_rig, and a . (w x p) = w . (p x a).
+      const Vector3d a(block.jacobian[3 * row][k], block.jacobian[3 * row + 1][k],
+                       block.jacobian[3 * row + 2][k]);
+      jacobian->row(row) << inverse_sigma * a.transpose(), inverse_sigma * in_rig.cross(a).transpose();
+    }
+  });
+  return valid;
+}
+
+void PoseResiduals::square(const Rigid3& rig_from_world, std::vector<double>* squared) const {
+  by_lane_.resize(kBlockLanes * blocks_.size());
+  for_each_block(rig_from_world, [&](const ObservationBlock<6>& block, int b) {
+    std::copy_n(block.squared, kBlockLanes, &by_lane_[b * kBlockLanes]);
+  });
+  squared->resize(lane_of_.size());
+  for (size_t i = 0; i < lane_of_.size(); ++i) (*squared)[i] = by_lane_[lane_of_[i]];
 }
 
 PoseResiduals::NormalEquations PoseResiduals::normal_equations(const Rigid3& rig_from_world,
-                                                               std::span<const int> active,
                                                                const RobustLoss& loss) const {
-  const Matrix3d rotation = rig_from_world.rotation.toRotationMatrix();
-  NormalEquations sum;
-  Vector2d r;
-  Jacobian j;
-  for (const int i : active) {
-    if (!evaluate(rotation, rig_from_world.translation, i, &r, &j)) {
-      ++sum.failed;
-      continue;
+  NormalEquations result;
+  PoseSums<6> sums{};
+  for_each_block(rig_from_world, [&](ObservationBlock<6>& block, int b) {
+    for (int k = 0; k < kBlockLanes; ++k) {
+      const double inverse_variance = blocks_[b].inverse_variance[k];
+      const bool valid = block.squared[k] < INFINITY;
+      result.failed += inverse_variance > 0 && !valid;
+      if (!valid) clear_lane(block, k);
+      block.weight[k] = inverse_variance * loss.weight(block.squared[k]);
+      result.cost += 0.5 * loss.cost(block.squared[k]);
     }
-    const double squared = r.squaredNorm();
-    sum.cost += 0.5 * loss.cost(squared);
-    const Eigen::Matrix<double, 6, 2> weighted = loss.weight(squared) * j.transpose();
-    sum.hessian += weighted.lazyProduct(j);
-    sum.gradient += weighted.lazyProduct(r);
-  }
-  return sum;
+    pose_terms(block, &sums);
+  });
+  add_pose_sums(sums, result.hessian.data(), result.gradient.data());
+  result.hessian = Matrix6d(result.hessian.selfadjointView<Eigen::Lower>());
+  return result;
 }
 
-int minimise_pose(const PoseResiduals& residuals, std::span<const int> active, const RobustLoss& loss,
-                  int max_iterations, Rigid3* rig_from_world) {
+int minimise_pose(const PoseResiduals& residuals, const RobustLoss& loss, int max_iterations,
+                  Rigid3* rig_from_world) {
   constexpr double kMinDecrease = 1e-7;  // of the cost, relative: far below what the noise resolves
   double damping = 1e-6;
-  auto current = residuals.normal_equations(*rig_from_world, active, loss);
+  auto current = residuals.normal_equations(*rig_from_world, loss);
   for (int iteration = 1; iteration <= max_iterations; ++iteration) {
     Matrix6d damped = current.hessian;
     damped.diagonal() *= 1 + damping;
@@ -91,7 +142,7 @@ int minimise_pose(const PoseResiduals& residuals, std::span<const int> active, c
     const double predicted = -0.5 * current.gradient.dot(step);
     if (!(predicted > kMinDecrease * current.cost)) return iteration;
     const Rigid3 next_pose = retract(*rig_from_world, step);
-    const auto next = residuals.normal_equations(next_pose, active, loss);
+    const auto next = residuals.normal_equations(next_pose, loss);
     // A point that leaves the image of the camera must not count as an improvement.
     if (next.failed > current.failed || !(next.cost < current.cost)) {
       damping = std::max(1e-4, damping * 10);

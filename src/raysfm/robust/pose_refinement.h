@@ -7,7 +7,9 @@
 #include "raysfm/camera/camera.h"
 #include "raysfm/camera/observed_ray.h"
 #include "raysfm/geometry/pose.h"
+#include "raysfm/optim/aligned_vector.h"
 #include "raysfm/optim/robust_loss.h"
+#include "raysfm/residuals/residual_kernels.h"
 
 namespace raysfm {
 
@@ -32,22 +34,22 @@ struct PoseObservations {
 };
 
 // The residuals of one pose, of pixels (predicted minus observed) or of rays (ObservedRay), and their
-// derivatives by the tangent of rig_from_world (see retract()). Borrows its inputs.
+// derivatives by the tangent of rig_from_world (see retract()). Borrows the rig; memory only grows.
 class PoseResiduals {
  public:
-  PoseResiduals(const Rig& rig, const PoseObservations& observations);
+  // Takes over all observations, or those listed.
+  void load(const Rig& rig, const PoseObservations& observations);
+  void load(const Rig& rig, const PoseObservations& observations, std::span<const int> indices);
+  int size() const { return static_cast<int>(lane_of_.size()); }
 
   using Jacobian = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>;
 
-  // Residual of observation i; false where the point does not project or is behind its ray. `jacobian` may be
-  // null.
-  bool evaluate(const Rigid3& rig_from_world, int i, Eigen::Vector2d* residual, Jacobian* jacobian) const {
-    return evaluate(rig_from_world.rotation.toRotationMatrix(), rig_from_world.translation, i, residual,
-                    jacobian);
-  }
-  bool evaluate(const Eigen::Matrix3d& rig_from_world_rotation,
-                const Eigen::Vector3d& rig_from_world_translation, int i, Eigen::Vector2d* residual,
-                Jacobian* jacobian) const;
+  // Residual and derivative of the i-th observation loaded; false where the point does not project or is
+  // behind its ray.
+  bool evaluate(const Rigid3& rig_from_world, int i, Eigen::Vector2d* residual, Jacobian* jacobian) const;
+
+  // |residual|^2 of every observation loaded; not finite where there is none.
+  void square(const Rigid3& rig_from_world, std::vector<double>* squared) const;
 
   struct NormalEquations {
     double cost = 0;  // half the sum of the losses
@@ -55,25 +57,36 @@ class PoseResiduals {
     Vector6d gradient = Vector6d::Zero();
     int failed = 0;  // observations without a residual
   };
-  // Over the observations `active`. With kNone the hessian is J^T J.
-  NormalEquations normal_equations(const Rigid3& rig_from_world, std::span<const int> active,
-                                   const RobustLoss& loss) const;
-
-  int size() const { return observations_.size(); }
+  // With kNone the hessian is J^T J.
+  NormalEquations normal_equations(const Rigid3& rig_from_world, const RobustLoss& loss) const;
 
  private:
-  bool pixel_residual(const Eigen::Vector3d& in_rig, int i, Eigen::Vector2d* residual,
-                      Eigen::Matrix<double, 2, 3>* by_point) const;
+  struct Block {
+    double point_in_world[3][kBlockLanes];
+    double inverse_variance[kBlockLanes];  // zero in the padding
+  };
+  struct Group {
+    int camera;
+    int begin, end;  // blocks
+  };
+  void set_lane(const PoseObservations& observations, int i, int lane);
+  template <typename F>
+  void for_each_block(const Rigid3& rig_from_world, F f) const;
 
-  const Rig& rig_;
-  const PoseObservations& observations_;
-  std::vector<Eigen::Matrix3d> cam_from_rig_rotation_;
-  std::vector<Eigen::Vector3d> cam_from_rig_translation_;
+  const Rig* rig_ = nullptr;
+  bool has_rays_ = false;
+  std::vector<Group> groups_;  // one for each camera; rays are one
+  AlignedVector<Block> blocks_;
+  AlignedVector<RayBlock> rays_;         // by block
+  std::vector<double> u_, v_;            // observed pixels by lane
+  std::vector<int> lane_of_;             // by observation loaded
+  std::vector<int> all_;                 // 0, 1, 2 ...
+  mutable std::vector<double> by_lane_;  // scratch
 };
 
 // Levenberg-Marquardt over the six parameters from *rig_from_world. Returns the iterations; the cost never
 // rises.
-int minimise_pose(const PoseResiduals& residuals, std::span<const int> active, const RobustLoss& loss,
-                  int max_iterations, Rigid3* rig_from_world);
+int minimise_pose(const PoseResiduals& residuals, const RobustLoss& loss, int max_iterations,
+                  Rigid3* rig_from_world);
 
 }  // namespace raysfm

@@ -1,11 +1,11 @@
-#include "raysfm/bundle/normal_kernel.h"
+#include "raysfm/residuals/normal_kernel.h"
 
 // Vectors without a size at compile time cannot be members of the small structs below.
 #ifndef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #endif
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "raysfm/bundle/normal_kernel.cpp"
+#define HWY_TARGET_INCLUDE "raysfm/residuals/normal_kernel.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -14,7 +14,7 @@ namespace raysfm {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using Tag = hn::CappedTag<double, kBundleLanes>;
+using Tag = hn::CappedTag<double, kBlockLanes>;
 using Vec = hn::Vec<Tag>;
 
 // Products and sums are never fused: every target gives the same bits.
@@ -36,8 +36,8 @@ HWY_INLINE Vec3 cross(const Vec3& a, const Vec3& b) {
 
 void TransformPoints(const double* r, const double* t, ResidualBlock* block) {
   const Tag d;
-  double(*x)[kBundleLanes] = block->x;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+  double(*x)[kBlockLanes] = block->x;
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
     const Vec px = hn::Load(d, x[0] + lane), py = hn::Load(d, x[1] + lane), pz = hn::Load(d, x[2] + lane);
     for (int c = 0; c < 3; ++c) {
       const Vec rotated =
@@ -60,18 +60,25 @@ HWY_INLINE Vec3 times_rotation(Tag d, const Vec3& a, const double* r) {
   return {column(0), column(1), column(2)};
 }
 
+// The rows of one vector of lanes; those of A R where the rotation is given.
+template <int N>
+HWY_INLINE Rows RowsAt(Tag d, const double* rotation, const ObservationBlock<N>& block, size_t lane) {
+  const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block.jacobian[k] + lane); };
+  const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
+  const Vec w = hn::Load(d, block.weight + lane);
+  return {rotation ? times_rotation(d, a0, rotation) : a0,
+          rotation ? times_rotation(d, a1, rotation) : a1,
+          {hn::Mul(w, a0.x), hn::Mul(w, a0.y), hn::Mul(w, a0.z)},
+          {hn::Mul(w, a1.x), hn::Mul(w, a1.y), hn::Mul(w, a1.z)},
+          hn::Mul(w, hn::Load(d, block.residual[0] + lane)),
+          hn::Mul(w, hn::Load(d, block.residual[1] + lane))};
+}
+
 // Returns the rows after filling block->point for one vector of lanes.
 template <int N>
 HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock<N>* block, size_t lane) {
-  const auto load = [&](int k) HWY_ATTR { return hn::Load(d, block->jacobian[k] + lane); };
-  const Vec3 a0 = {load(0), load(1), load(2)}, a1 = {load(3), load(4), load(5)};
   const Vec w = hn::Load(d, block->weight + lane);
-  const Rows m = {times_rotation(d, a0, rotation),
-                  times_rotation(d, a1, rotation),
-                  {hn::Mul(w, a0.x), hn::Mul(w, a0.y), hn::Mul(w, a0.z)},
-                  {hn::Mul(w, a1.x), hn::Mul(w, a1.y), hn::Mul(w, a1.z)},
-                  hn::Mul(w, hn::Load(d, block->residual[0] + lane)),
-                  hn::Mul(w, hn::Load(d, block->residual[1] + lane))};
+  const Rows m = RowsAt(d, rotation, *block, lane);
   const Vec3 p0 = m.jp0, p1 = m.jp1;
   const Vec3 w0 = {hn::Mul(w, p0.x), hn::Mul(w, p0.y), hn::Mul(w, p0.z)};
   const Vec3 w1 = {hn::Mul(w, p1.x), hn::Mul(w, p1.y), hn::Mul(w, p1.z)};
@@ -91,7 +98,7 @@ HWY_INLINE Rows PointTermsAt(Tag d, const double* rotation, ObservationBlock<N>*
 template <int N>
 void PointTerms(const double* rotation, ObservationBlock<N>* block) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) PointTermsAt(d, rotation, block, lane);
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) PointTermsAt(d, rotation, block, lane);
 }
 
 // W = [M R; [x]x M R] with M = w A^T A, by columns: M R e_c = (w A)^T (Jp e_c).
@@ -161,13 +168,23 @@ HWY_INLINE void LensTermsAt(Tag d, const Rows& m, const Vec3& x, ObservationBloc
   }
 }
 
+HWY_INLINE Vec3 PointAt(Tag d, const ResidualBlock& block, size_t lane) {
+  return {hn::Load(d, block.x[0] + lane), hn::Load(d, block.x[1] + lane), hn::Load(d, block.x[2] + lane)};
+}
+
+void PoseTerms6(const ObservationBlock<6>& block, PoseSums<6>* sums) {
+  const Tag d;
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
+    PoseTermsAt(d, RowsAt(d, nullptr, block, lane), PointAt(d, block, lane), block, sums, lane);
+  }
+}
+
 template <int N>
 void PointAndPoseTerms(const double* rotation, ObservationBlock<N>* block, PoseSums<N>* sums) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
     const Rows m = PointTermsAt(d, rotation, block, lane);
-    const Vec3 x = {hn::Load(d, block->x[0] + lane), hn::Load(d, block->x[1] + lane),
-                    hn::Load(d, block->x[2] + lane)};
+    const Vec3 x = PointAt(d, *block, lane);
     CrossTermsAt(d, m, x, block, lane);
     PoseTermsAt(d, m, x, *block, sums, lane);
     if constexpr (N == 9) LensTermsAt(d, m, x, block, sums, lane);
@@ -199,12 +216,13 @@ namespace {
 HWY_EXPORT(TransformPoints);
 HWY_EXPORT(PointTerms6);
 HWY_EXPORT(PointTerms9);
+HWY_EXPORT(PoseTerms6);
 HWY_EXPORT(PointAndPoseTerms6);
 HWY_EXPORT(PointAndPoseTerms9);
 
 double lane_sum(const double* lanes) {
   double sum = lanes[0];
-  for (int i = 1; i < kBundleLanes; ++i) sum += lanes[i];
+  for (int i = 1; i < kBlockLanes; ++i) sum += lanes[i];
   return sum;
 }
 
@@ -232,6 +250,10 @@ void point_terms<6>(const double* rotation, ObservationBlock<6>* block) {
 template <>
 void point_terms<9>(const double* rotation, ObservationBlock<9>* block) {
   HWY_DYNAMIC_DISPATCH(PointTerms9)(rotation, block);
+}
+
+void pose_terms(const ObservationBlock<6>& block, PoseSums<6>* sums) {
+  HWY_DYNAMIC_DISPATCH(PoseTerms6)(block, sums);
 }
 
 template <>

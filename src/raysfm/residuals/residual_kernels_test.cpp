@@ -1,4 +1,4 @@
-#include "raysfm/bundle/residual_kernels.h"
+#include "raysfm/residuals/residual_kernels.h"
 
 #include <ceres/jet.h>
 #include <gtest/gtest.h>
@@ -25,6 +25,18 @@ Vec2<T> pinhole(const PinholeInRig& c, const Vec3<T>& x) {
   const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> r(c.rotation);
   const Vec3<T> p = r.cast<T>() * x + Eigen::Map<const Eigen::Vector3d>(c.translation).cast<T>();
   return {c.fx * p.x() / p.z() + c.cx, c.fy * p.y() / p.z() + c.cy};
+}
+
+// Brown's model as camera/radtan.h writes it.
+template <typename T>
+Vec2<T> radtan(const RadtanInRig& c, const Vec3<T>& point) {
+  PinholeInRig normalised = c.pinhole;
+  normalised.fx = normalised.fy = 1, normalised.cx = normalised.cy = 0;
+  const Vec2<T> n = pinhole(normalised, point);
+  const T x = n.x(), y = n.y(), r2 = x * x + y * y;
+  const T s = 1.0 + c.k1 * r2 + c.k2 * r2 * r2 + c.k3 * r2 * r2 * r2;
+  return {c.pinhole.fx * (s * x + 2 * c.p1 * x * y + c.p2 * (r2 + 2.0 * x * x)) + c.pinhole.cx,
+          c.pinhole.fy * (s * y + c.p1 * (r2 + 2.0 * y * y) + 2 * c.p2 * x * y) + c.pinhole.cy};
 }
 
 // LBA09 3.2 to the letter: R takes the direction to the z axis, and r = (x / z, y / z) of R (X - s); whitened
@@ -59,7 +71,7 @@ void expect_lane(const ResidualBlock& block, int k, const Vec2<Jet>& r, const Ei
 
 struct Fixture {
   std::vector<Eigen::Vector3d> x;
-  double u[kBundleLanes], v[kBundleLanes];
+  double u[kBlockLanes], v[kBlockLanes];
   ObservationBlock<9> block{};
   RayBlock rays{};
   std::vector<Ray> ray;
@@ -68,7 +80,7 @@ struct Fixture {
   // Points at z in [low, high].
   Fixture(double low, double high) {
     Rng rng(4);
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       x.emplace_back(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(low, high));
       u[k] = rng.uniform(0, 600), v[k] = rng.uniform(0, 400);
       for (int c = 0; c < 3; ++c) block.x[c][k] = x[k][c];
@@ -94,22 +106,52 @@ TEST(ResidualKernels, PinholeIsItsAutomaticDerivative) {
   Fixture f(2, 9);
   const PinholeInRig camera = pinhole_in_rig();
   pinhole_residuals(camera, f.u, f.v, &f.block);
-  for (int k = 0; k < kBundleLanes; ++k) {
+  for (int k = 0; k < kBlockLanes; ++k) {
     expect_lane(f.block, k, pinhole(camera, variables(f.x[k], 0)), {f.u[k], f.v[k]});
   }
+}
+
+RadtanInRig radtan_in_rig() {
+  return {pinhole_in_rig(), -0.28, 0.07, 0.02, 1e-3, -2e-3, 4};
+}
+
+TEST(ResidualKernels, RadtanIsItsAutomaticDerivative) {
+  Fixture f(2, 9);
+  const RadtanInRig camera = radtan_in_rig();
+  radtan_residuals(camera, f.u, f.v, &f.block);
+  for (int k = 0; k < kBlockLanes; ++k) {
+    expect_lane(f.block, k, radtan(camera, variables(f.x[k], 0)), {f.u[k], f.v[k]});
+  }
+}
+
+TEST(ResidualKernels, RadtanEndsWhereItFoldsBack) {
+  Fixture f(2, 9);
+  RadtanInRig camera = radtan_in_rig();
+  camera.max_radius2 = 0.05;
+  radtan_residuals(camera, f.u, f.v, &f.block);
+  int outside = 0;
+  for (int k = 0; k < kBlockLanes; ++k) {
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> r(camera.pinhole.rotation);
+    const Eigen::Vector3d x = r * f.x[k] + Eigen::Map<const Eigen::Vector3d>(camera.pinhole.translation);
+    const bool inside = x.z() > 0 && (x.head<2>() / x.z()).squaredNorm() < camera.max_radius2;
+    outside += !inside;
+    EXPECT_EQ(std::isfinite(f.block.squared[k]), inside);
+  }
+  EXPECT_GT(outside, 0);
+  EXPECT_LT(outside, kBlockLanes);
 }
 
 TEST(ResidualKernels, AngularIsItsAutomaticDerivative) {
   for (const bool whitened : {false, true}) {
     Fixture f(2, 9);
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       if (whitened) continue;
       f.whitening[k].setIdentity();
       const Eigen::Matrix3d r = rotation_to_z(f.ray[k].direction);
       for (int c = 0; c < 6; ++c) f.rays.tangents[c][k] = r(c / 3, c % 3);
     }
     angular_residuals(f.rays, &f.block);
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       expect_lane(f.block, k, angular(f.ray[k], f.whitening[k], variables(f.x[k], 0)), {0, 0});
     }
   }
@@ -119,7 +161,7 @@ TEST(ResidualKernels, LensIsItsAutomaticDerivative) {
   Fixture f(-9, -2);
   const BalLens l{500, -0.2, 0.05};
   lens_residuals(l, f.u, f.v, &f.block);
-  for (int k = 0; k < kBundleLanes; ++k) {
+  for (int k = 0; k < kBlockLanes; ++k) {
     const Vec2<Jet> r = lens(variables({l.f, l.k1, l.k2}, 3), variables(f.x[k], 0));
     expect_lane(f.block, k, r, {f.u[k], f.v[k]});
     for (int c = 0; c < 6; ++c) EXPECT_NEAR(f.block.lens[c][k], r[c / 3].v[3 + c % 3], 1e-9);
@@ -135,7 +177,7 @@ TEST(ResidualKernels, BehindHasNoResidual) {
   std::fill_n(camera.translation, 3, 0.0);
   pinhole_residuals(camera, behind.u, behind.v, &behind.block);
   lens_residuals({500, 0, 0}, front.u, front.v, &front.block);
-  for (int k = 0; k < kBundleLanes; ++k) {
+  for (int k = 0; k < kBlockLanes; ++k) {
     EXPECT_EQ(behind.block.squared[k], HUGE_VAL);
     EXPECT_EQ(front.block.squared[k], HUGE_VAL);
   }
@@ -143,20 +185,21 @@ TEST(ResidualKernels, BehindHasNoResidual) {
     for (double& d : row) d = -d;
   }
   angular_residuals(front.rays, &front.block);
-  for (int k = 0; k < kBundleLanes; ++k) EXPECT_EQ(front.block.squared[k], HUGE_VAL);
+  for (int k = 0; k < kBlockLanes; ++k) EXPECT_EQ(front.block.squared[k], HUGE_VAL);
 }
 
 TEST(ResidualKernels, InstructionSetsChangeNoBit) {
   std::vector<Fixture> results;
   testing_support::for_each_instruction_set([&](const char*) {
-    Fixture pixel(2, 9), angle(2, 9), bal(-9, -2);
+    Fixture pixel(2, 9), distorted(2, 9), angle(2, 9), bal(-9, -2);
     pinhole_residuals(pinhole_in_rig(), pixel.u, pixel.v, &pixel.block);
+    radtan_residuals(radtan_in_rig(), distorted.u, distorted.v, &distorted.block);
     angular_residuals(angle.rays, &angle.block);
     lens_residuals({500, -0.2, 0.05}, bal.u, bal.v, &bal.block);
-    for (const Fixture& f : {pixel, angle, bal}) results.push_back(f);
+    for (const Fixture& f : {pixel, distorted, angle, bal}) results.push_back(f);
   });
   for (size_t i = 0; i < results.size(); ++i) {
-    EXPECT_EQ(std::memcmp(&results[i].block, &results[i % 3].block, sizeof(results[i].block)), 0);
+    EXPECT_EQ(std::memcmp(&results[i].block, &results[i % 4].block, sizeof(results[i].block)), 0);
   }
 }
 

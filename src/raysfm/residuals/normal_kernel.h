@@ -1,6 +1,6 @@
 #pragma once
 
-#include "raysfm/bundle/observation_block.h"
+#include "raysfm/residuals/observation_block.h"
 
 namespace raysfm {
 
@@ -8,7 +8,7 @@ namespace raysfm {
 // lower triangle of U and gc, in the order of add_pose_sums().
 template <int N>
 struct alignas(64) PoseSums {
-  double sum[N * (N + 1) / 2 + N][kBundleLanes];
+  double sum[N * (N + 1) / 2 + N][kBlockLanes];
 };
 
 // R by rows. N is 6 or 9.
@@ -19,6 +19,9 @@ void transform_points(const double* rotation, const double* translation, Residua
 // Fills `point`.
 template <int N>
 void point_terms(const double* rotation, ObservationBlock<N>* block);
+
+// Adds the pose side to `sums`.
+void pose_terms(const ObservationBlock<6>& block, PoseSums<6>* sums);
 
 // Fills `point` and `cross` and adds the pose side to `sums`.
 template <int N>

@@ -1,4 +1,4 @@
-#include "raysfm/bundle/normal_kernel.h"
+#include "raysfm/residuals/normal_kernel.h"
 
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
@@ -30,7 +30,7 @@ struct Fixture {
 
   Fixture() {
     Rng rng(3);
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       world.push_back(test::random_vector(rng, 3));
       for (int c = 0; c < 3; ++c) block.x[c][k] = world[k][c];
       a.emplace_back();
@@ -69,7 +69,7 @@ TEST(NormalKernel, IsTheNumericJacobian) {
   Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero(), expected_u = u;
   Eigen::Matrix<double, 6, 1> gc = Eigen::Matrix<double, 6, 1>::Zero(), expected_gc = gc;
   add_pose_sums(f.sums, u.data(), gc.data());
-  for (int k = 0; k < kBundleLanes; ++k) {
+  for (int k = 0; k < kBlockLanes; ++k) {
     EXPECT_NEAR(f.block.x[1][k], (f.pose * f.world[k]).y(), 1e-13);
     const Matrix26 jc = f.pose_jacobian(k);
     const Matrix23 jp = f.point_jacobian(k);
@@ -92,6 +92,13 @@ TEST(NormalKernel, PointSideIsTheSameWithoutThePose) {
   point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
   point_terms(b.rotation.data(), &b.block);
   EXPECT_EQ(std::memcmp(a.block.point, b.block.point, sizeof(a.block.point)), 0);
+}
+
+TEST(NormalKernel, PoseSideIsTheSameWithoutThePoints) {
+  Fixture a, b;
+  point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
+  pose_terms(b.block, &b.sums);
+  EXPECT_EQ(std::memcmp(&a.sums, &b.sums, sizeof(a.sums)), 0);
 }
 
 TEST(NormalKernel, SameBitsOnEveryInstructionSet) {

@@ -1,4 +1,4 @@
-#include "raysfm/bundle/residual_kernels.h"
+#include "raysfm/residuals/residual_kernels.h"
 
 #include <cmath>
 
@@ -7,7 +7,7 @@
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #endif
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "raysfm/bundle/residual_kernels.cpp"
+#define HWY_TARGET_INCLUDE "raysfm/residuals/residual_kernels.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -16,7 +16,7 @@ namespace raysfm {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using Tag = hn::CappedTag<double, kBundleLanes>;
+using Tag = hn::CappedTag<double, kBlockLanes>;
 using Vec = hn::Vec<Tag>;
 using Mask = hn::Mask<Tag>;
 
@@ -32,7 +32,7 @@ HWY_INLINE Vec dot(Vec a0, Vec b0, Vec a1, Vec b1) {
 HWY_INLINE Vec dot(const Vec3& a, const Vec3& b) {
   return hn::Add(dot(a.x, b.x, a.y, b.y), hn::Mul(a.z, b.z));
 }
-HWY_INLINE Vec3 Load3(const double (*from)[kBundleLanes], size_t lane) {
+HWY_INLINE Vec3 Load3(const double (*from)[kBlockLanes], size_t lane) {
   const Tag d;
   return {hn::Load(d, from[0] + lane), hn::Load(d, from[1] + lane), hn::Load(d, from[2] + lane)};
 }
@@ -49,7 +49,7 @@ HWY_INLINE void StoreResidual(Mask valid, Vec r0, Vec r1, ResidualBlock* block, 
   hn::Store(hn::IfThenElse(valid, squared, hn::Set(d, HUGE_VAL)), d, block->squared + lane);
 }
 
-HWY_INLINE void StoreRow(const Vec3& row, double (*to)[kBundleLanes], size_t lane) {
+HWY_INLINE void StoreRow(const Vec3& row, double (*to)[kBlockLanes], size_t lane) {
   const Tag d;
   hn::Store(row.x, d, to[0] + lane);
   hn::Store(row.y, d, to[1] + lane);
@@ -65,31 +65,77 @@ HWY_INLINE Vec3 TimesRotation(const Vec3& a, const double* r) {
   return {column(0), column(1), column(2)};
 }
 
-void PinholeResiduals(const PinholeInRig& camera, const double* u, const double* v, ResidualBlock* block) {
+// What a lens does to n = (x, y) = (X / Z, Y / Z), and the derivative by n, which is symmetric.
+struct Distorted {
+  Vec x, y;
+  Vec xx, xy, yy;
+};
+
+// `distort` takes x, y and |n|^2; its results count where |n|^2 < max_radius2.
+template <class F>
+HWY_INLINE void PerspectiveResiduals(const PinholeInRig& camera, double max_radius2, const double* u,
+                                     const double* v, ResidualBlock* block, F distort) {
   const Tag d;
   const double* r = camera.rotation;
-  const Vec fx = hn::Set(d, camera.fx), fy = hn::Set(d, camera.fy), zero = hn::Zero(d);
-  const Vec limit = hn::Set(d, Pinhole::kMaxRadius * Pinhole::kMaxRadius);
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+  const Vec fx = hn::Set(d, camera.fx), fy = hn::Set(d, camera.fy), limit = hn::Set(d, max_radius2);
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
     const Vec3 rig = Load3(block->x, lane);
     const Vec px = hn::Add(dot(Set3(r), rig), hn::Set(d, camera.translation[0]));
     const Vec py = hn::Add(dot(Set3(r + 3), rig), hn::Set(d, camera.translation[1]));
     const Vec pz = hn::Add(dot(Set3(r + 6), rig), hn::Set(d, camera.translation[2]));
     const Vec inverse = hn::Div(hn::Set(d, 1.0), pz);
     const Vec x = hn::Mul(px, inverse), y = hn::Mul(py, inverse);
-    const Mask valid = hn::And(hn::Gt(pz, zero), hn::Lt(dot(x, x, y, y), limit));
-    const Vec r0 = hn::Sub(hn::Add(hn::Mul(fx, x), hn::Set(d, camera.cx)), hn::LoadU(d, u + lane));
-    const Vec r1 = hn::Sub(hn::Add(hn::Mul(fy, y), hn::Set(d, camera.cy)), hn::LoadU(d, v + lane));
+    const Vec squared = dot(x, x, y, y);
+    const Mask valid = hn::And(hn::Gt(pz, hn::Zero(d)), hn::Lt(squared, limit));
+    const Distorted n = distort(x, y, squared);
+    const Vec r0 = hn::Sub(hn::Add(hn::Mul(fx, n.x), hn::Set(d, camera.cx)), hn::LoadU(d, u + lane));
+    const Vec r1 = hn::Sub(hn::Add(hn::Mul(fy, n.y), hn::Set(d, camera.cy)), hn::LoadU(d, v + lane));
     StoreResidual(valid, r0, r1, block, lane);
-    const Vec fx_z = hn::Mul(fx, inverse), fy_z = hn::Mul(fy, inverse);
-    StoreRow(TimesRotation({fx_z, zero, hn::Neg(hn::Mul(fx_z, x))}, r), block->jacobian, lane);
-    StoreRow(TimesRotation({zero, fy_z, hn::Neg(hn::Mul(fy_z, y))}, r), block->jacobian + 3, lane);
+    const auto row = [&](Vec scale, Vec by_x, Vec by_y) HWY_ATTR {
+      const Vec ax = hn::Mul(scale, by_x), ay = hn::Mul(scale, by_y);
+      return TimesRotation({ax, ay, hn::Neg(dot(ax, x, ay, y))}, r);
+    };
+    StoreRow(row(hn::Mul(fx, inverse), n.xx, n.xy), block->jacobian, lane);
+    StoreRow(row(hn::Mul(fy, inverse), n.xy, n.yy), block->jacobian + 3, lane);
   }
+}
+
+void PinholeResiduals(const PinholeInRig& camera, const double* u, const double* v, ResidualBlock* block) {
+  const Tag d;
+  const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0);
+  PerspectiveResiduals(camera, Pinhole::kMaxRadius * Pinhole::kMaxRadius, u, v, block,
+                       [&](Vec x, Vec y, Vec) HWY_ATTR {
+                         return Distorted{x, y, one, zero, one};
+                       });
+}
+
+// The formulas of camera/radial_tangential.h.
+void RadtanResiduals(const RadtanInRig& camera, const double* u, const double* v, ResidualBlock* block) {
+  const Tag d;
+  const Vec one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);
+  const Vec k1 = hn::Set(d, camera.k1), k2 = hn::Set(d, camera.k2), k3 = hn::Set(d, camera.k3);
+  const Vec p1 = hn::Set(d, camera.p1), p2 = hn::Set(d, camera.p2);
+  const auto distort = [&](Vec x, Vec y, Vec q) HWY_ATTR {
+    const Vec k23 = hn::Add(k2, hn::Mul(q, k3));
+    const Vec s = hn::Add(one, hn::Mul(q, hn::Add(k1, hn::Mul(q, k23))));
+    // Twice the slope of s.
+    const Vec k2_3k3 = hn::Add(hn::Add(k23, k23), hn::Mul(q, k3));
+    const Vec slope = hn::Mul(two, hn::Add(k1, hn::Mul(q, k2_3k3)));
+    const Vec diagonal = hn::Add(s, hn::Mul(two, dot(p2, x, p1, y)));
+    const Vec sx = hn::Mul(slope, x), sy = hn::Mul(slope, y);
+    const Vec p1_twice = hn::Add(p1, p1), p2_twice = hn::Add(p2, p2);
+    const Vec xx = hn::Mul(x, hn::Add(sx, hn::Add(p2_twice, p2_twice)));
+    const Vec yy = hn::Mul(y, hn::Add(sy, hn::Add(p1_twice, p1_twice)));
+    return Distorted{hn::Add(hn::Mul(diagonal, x), hn::Mul(p2, q)),
+                     hn::Add(hn::Mul(diagonal, y), hn::Mul(p1, q)), hn::Add(diagonal, xx),
+                     hn::Add(hn::Mul(sx, y), dot(p1_twice, x, p2_twice, y)), hn::Add(diagonal, yy)};
+  };
+  PerspectiveResiduals(camera.pinhole, camera.max_radius2, u, v, block, distort);
 }
 
 void AngularResiduals(const RayBlock& rays, ResidualBlock* block) {
   const Tag d;
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
     const Vec3 x = Load3(block->x, lane), origin = Load3(rays.origin, lane);
     const Vec3 direction = Load3(rays.direction, lane);
     const Vec3 t0 = Load3(rays.tangents, lane), t1 = Load3(rays.tangents + 3, lane);
@@ -113,7 +159,7 @@ void AngularResiduals(const RayBlock& rays, ResidualBlock* block) {
 void LensResiduals(const BalLens& lens, const double* u, const double* v, ObservationBlock<9>* block) {
   const Tag d;
   const Vec f = hn::Set(d, lens.f), k1 = hn::Set(d, lens.k1), k2 = hn::Set(d, lens.k2);
-  for (size_t lane = 0; lane < kBundleLanes; lane += hn::Lanes(d)) {
+  for (size_t lane = 0; lane < kBlockLanes; lane += hn::Lanes(d)) {
     const Vec3 x = Load3(block->x, lane);
     const Vec inverse = hn::Div(hn::Set(d, -1.0), x.z);
     const Vec px = hn::Mul(x.x, inverse), py = hn::Mul(x.y, inverse);
@@ -145,11 +191,20 @@ HWY_AFTER_NAMESPACE();
 namespace raysfm {
 
 HWY_EXPORT(PinholeResiduals);
+HWY_EXPORT(RadtanResiduals);
 HWY_EXPORT(AngularResiduals);
 HWY_EXPORT(LensResiduals);
 
 void pinhole_residuals(const PinholeInRig& camera, const double* u, const double* v, ResidualBlock* block) {
   HWY_DYNAMIC_DISPATCH(PinholeResiduals)(camera, u, v, block);
+}
+void radtan_residuals(const RadtanInRig& camera, const double* u, const double* v, ResidualBlock* block) {
+  HWY_DYNAMIC_DISPATCH(RadtanResiduals)(camera, u, v, block);
+}
+void set_ray(const ObservedRay& ray, size_t lane, RayBlock* block) {
+  for (int c = 0; c < 3; ++c) block->origin[c][lane] = ray.origin[c];
+  for (int c = 0; c < 3; ++c) block->direction[c][lane] = ray.direction[c];
+  for (int c = 0; c < 6; ++c) block->tangents[c][lane] = ray.tangents(c / 3, c % 3);
 }
 void angular_residuals(const RayBlock& rays, ResidualBlock* block) {
   HWY_DYNAMIC_DISPATCH(AngularResiduals)(rays, block);

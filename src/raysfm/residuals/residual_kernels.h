@@ -1,7 +1,8 @@
 #pragma once
 
-#include "raysfm/bundle/bundle_problem.h"
-#include "raysfm/bundle/observation_block.h"
+#include "raysfm/camera/observed_ray.h"
+#include "raysfm/residuals/bal_lens.h"
+#include "raysfm/residuals/observation_block.h"
 
 namespace raysfm {
 
@@ -18,12 +19,21 @@ struct PinholeInRig {
 // Predicted minus observed pixel; u and v hold eight numbers.
 void pinhole_residuals(const PinholeInRig& camera, const double* u, const double* v, ResidualBlock* block);
 
+// The same with Brown's distortion (camera/radtan.h).
+struct RadtanInRig {
+  PinholeInRig pinhole;
+  double k1, k2, k3, p1, p2, max_radius2;
+};
+void radtan_residuals(const RadtanInRig& camera, const double* u, const double* v, ResidualBlock* block);
+
 // Eight observed rays, lane beside lane.
 struct alignas(64) RayBlock {
-  double origin[3][kBundleLanes];
-  double direction[3][kBundleLanes];
-  double tangents[6][kBundleLanes];  // by rows
+  double origin[3][kBlockLanes];
+  double direction[3][kBlockLanes];
+  double tangents[6][kBlockLanes];  // by rows
 };
+
+void set_ray(const ObservedRay& ray, size_t lane, RayBlock* block);
 
 // The angular error of camera/observed_ray.h.
 void angular_residuals(const RayBlock& rays, ResidualBlock* block);

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <variant>
 
-#include "raysfm/bundle/residual_kernels.h"
+#include "raysfm/residuals/residual_kernels.h"
 
 namespace raysfm {
 
@@ -28,7 +30,7 @@ class PixelResidual : public BlockResidual {
   }
 
   void evaluate(int lane, bool with_jacobian, ResidualBlock* block) const override {
-    for (int k = 0; k < kBundleLanes; ++k) {
+    for (int k = 0; k < kBlockLanes; ++k) {
       block->squared[k] = HUGE_VAL;
       if constexpr (ProjectiveModel<Model>) {
         const Eigen::Vector3d x_in_rig(block->x[0][k], block->x[1][k], block->x[2][k]);
@@ -56,16 +58,22 @@ class PixelResidual : public BlockResidual {
 };
 
 // The same, eight lanes at once.
+
+template <typename Model>
+PinholeInRig pinhole_in_rig(const Camera& camera, const Model& model) {
+  PinholeInRig pinhole{model.fx, model.fy, model.cx, model.cy, {}, {}};
+  const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+  const Eigen::Matrix3d by_columns = cam_from_rig.rotation.conjugate().toRotationMatrix();
+  std::copy_n(by_columns.data(), 9, pinhole.rotation);
+  std::copy_n(cam_from_rig.translation.data(), 3, pinhole.translation);
+  return pinhole;
+}
+
 template <>
 class PixelResidual<Pinhole> : public BlockResidual {
  public:
   PixelResidual(const Camera& camera, const Pinhole& model, const double* u, const double* v)
-      : u_(u), v_(v), camera_{model.fx, model.fy, model.cx, model.cy, {}, {}} {
-    const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
-    const Eigen::Matrix3d by_columns = cam_from_rig.rotation.conjugate().toRotationMatrix();
-    std::copy_n(by_columns.data(), 9, camera_.rotation);
-    std::copy_n(cam_from_rig.translation.data(), 3, camera_.translation);
-  }
+      : u_(u), v_(v), camera_(pinhole_in_rig(camera, model)) {}
   void evaluate(int lane, bool, ResidualBlock* block) const override {
     pinhole_residuals(camera_, u_ + lane, v_ + lane, block);
   }
@@ -75,12 +83,32 @@ class PixelResidual<Pinhole> : public BlockResidual {
   PinholeInRig camera_;
 };
 
+template <>
+class PixelResidual<Radtan> : public BlockResidual {
+ public:
+  PixelResidual(const Camera& camera, const Radtan& m, const double* u, const double* v)
+      : u_(u), v_(v), camera_{pinhole_in_rig(camera, m), m.k1, m.k2, m.k3, m.p1, m.p2, m.max_radius2} {}
+  void evaluate(int lane, bool, ResidualBlock* block) const override {
+    radtan_residuals(camera_, u_ + lane, v_ + lane, block);
+  }
+
+ private:
+  const double *u_, *v_;
+  RadtanInRig camera_;
+};
+
+// f(const BlockResidual&) with the error of a camera.
+template <typename F>
+auto with_pixel_residual(const Camera& camera, const double* u, const double* v, F f) {
+  return std::visit([&](const auto& model) { return f(PixelResidual(camera, model, u, v)); }, camera.model);
+}
+
 // The angular error; `rays` by block of lanes.
 class AngularResidual : public BlockResidual {
  public:
   explicit AngularResidual(const RayBlock* rays) : rays_(rays) {}
   void evaluate(int lane, bool, ResidualBlock* block) const override {
-    angular_residuals(rays_[lane / kBundleLanes], block);
+    angular_residuals(rays_[lane / kBlockLanes], block);
   }
 
  private:
