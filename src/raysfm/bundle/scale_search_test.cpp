@@ -68,7 +68,7 @@ TEST(ScaleSearch, FindsTheScaleThatATurningRigTells) {
     BundleProblem problem = scaled(scene, start);
     const ScaleSearch found = search_scale(adjuster, problem, {.max_iterations = 40});
     EXPECT_NEAR(found.distance / truth, 1, 0.05) << "from " << start;
-    EXPECT_GT(found.significance, 10) << "from " << start;
+    EXPECT_LT(found.sigma, 0.05) << "from " << start;
     EXPECT_NEAR(problem.rig_from_world.back().inverse().translation.norm(), found.distance, 1e-3 * truth);
   }
 }
@@ -79,7 +79,7 @@ TEST(ScaleSearch, SaysSoWhereNothingTellsIt) {
     test::BundleScene scene = make_scene(back_to_back(half_distance), turn, 0.3);
     BundleAdjuster adjuster;
     const ScaleSearch found = search_scale(adjuster, scaled(scene, 1), {.max_iterations = 40});
-    EXPECT_LT(found.significance, 3) << half_distance << " " << turn;
+    EXPECT_GT(found.sigma, 1.0 / 6) << half_distance << " " << turn;
   }
 }
 

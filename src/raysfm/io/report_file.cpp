@@ -23,10 +23,23 @@ Json frames_json(const std::vector<PosedFrame>& frames) {
   return {{"total", frames.size()}, {"posed", posed}, {"without_pose", std::move(without_pose)}};
 }
 
+const char* scale_word(bool metric) {
+  return metric ? "metric" : "arbitrary";
+}
+
+Json percent(const std::optional<double>& part) {
+  return part ? Json(100 * *part) : Json();
+}
+
 Json segments_json(const std::vector<Segment>& segments) {
   Json list = Json::array();
-  for (const Segment& s : segments)
-    list.push_back({{"first", s.first}, {"last", s.last}, {"reason", s.reason}});
+  for (const Segment& s : segments) {
+    list.push_back({{"first", s.first},
+                    {"last", s.last},
+                    {"reason", s.reason},
+                    {"scale", scale_word(s.metric_scale)},
+                    {"scale_sigma_percent", percent(s.scale_sigma)}});
+  }
   return list;
 }
 
@@ -62,7 +75,8 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["input"] = report.input;
   json["camera_class"] = report.camera_class;
   json["error"] = report.error;
-  json["scale"] = reconstruction.metric_scale ? "metric" : "arbitrary";
+  json["scale"] = scale_word(reconstruction.metric_scale);
+  json["scale_sigma_percent"] = percent(reconstruction.scale_sigma);
   json["frames"] = frames_json(reconstruction.frames);
   json["keyframes"] = reconstruction.keyframes.size();
   json["points"] = reconstruction.points.size();

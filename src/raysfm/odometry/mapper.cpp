@@ -4,8 +4,8 @@
 #include <tuple>
 
 #include "raysfm/bundle/local_bundle.h"
-#include "raysfm/bundle/scale_search.h"
 #include "raysfm/core/median.h"
+#include "raysfm/odometry/scale_keeper.h"
 
 namespace raysfm {
 namespace {
@@ -15,8 +15,8 @@ constexpr float kMinMapZncc = 0.75f;
 // where a key frame has too few others.
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
 constexpr int kEnoughPoints = 200;
-constexpr double kLeastDecrease = 1e-4;  // of the cost: where an adjustment stops
-constexpr int kMinShared = 10;           // points that make an older key frame part of the window
+const BundleOptions kAdjustment{.loss = {RobustLoss::Kind::kHuber, 1.0}, .min_relative_decrease = 1e-4};
+constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;  // standard deviations, which are pixels of the octave
 constexpr float kSearchSlack = 3.0f;  // pixels of the octave
@@ -279,37 +279,8 @@ void Mapper::choose_window(const Map& map, int first_observed) {
   }
 }
 
-// Keeps a guessed scale where it is as long as nothing measures it: an adjustment would run along a valley
-// that is nearly flat.
-void Mapper::hold_scale(const Map& map, BundleProblem* problem) const {
-  constexpr double kHold = 1e4;
-  if (rig_.central() || map.guessed_keyframe < 0 || window_keyframes_[0] != 0) return;
-  problem->scale_prior = {window_pose_of_keyframe_[map.guessed_keyframe], 0, map.guessed_distance, kHold};
-}
-
-// Looks for a scale that is still a guess, where the rays' origins can tell it. It counts as measured, and
-// replaces the guess, once half and double of it fit the observations much worse.
-void Mapper::measure_scale(const BundleOptions& options, BundleProblem problem, Map* map) {
-  constexpr int kEvery = 4;  // key frames: the search is worth some hundred adjustments
-  constexpr double kSignificance = 6;
-  if (problem.scale_prior.pose < 0) return;
-  if (map->keyframes.size() % kEvery != 0) return;
-  BundleOptions converging = options;
-  converging.max_iterations = 40;
-  converging.min_relative_decrease = 1e-7;
-  std::vector<Rigid3> poses = window_poses_;
-  std::vector<Eigen::Vector3d> points = window_points_;
-  problem.rig_from_world = poses;
-  problem.points = points;
-  const ScaleSearch found = search_scale(adjuster_, problem, converging);
-  map->scale_measured = found.significance > kSignificance;
-  if (!map->scale_measured) return;
-  map->guessed_distance = found.distance;
-  window_poses_ = poses;
-  window_points_ = points;
-}
-
-void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
+// The window as flat arrays.
+void Mapper::gather(const Map* map, int first_observed, int first_free) {
   const int count = static_cast<int>(map->keyframes.size());
   window_poses_.clear();
   window_free_.clear();
@@ -347,7 +318,9 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
       window_inliers_.push_back(k.inliers[o.feature]);
     }
   }
+}
 
+BundleProblem Mapper::window_problem(const Map& map) {
   BundleProblem problem{.cameras = rig_.cameras(),
                         .rig_from_world = window_poses_,
                         .pose_is_free = window_free_,
@@ -359,13 +332,12 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
                         .lenses = {},
                         .sigmas = window_sigmas_,
                         .scale_prior = {}};
-  const BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0},
-                              .max_iterations = max_iterations,
-                              .min_relative_decrease = kLeastDecrease};
-  hold_scale(*map, &problem);
-  adjuster_.adjust_two_stage(problem, options, kInlierError);
-  if (first_free == 0) measure_scale(options, problem, map);
+  if (!rig_.central()) hold_scale(map, window_pose_of_keyframe_, &problem);
+  return problem;
+}
 
+void Mapper::scatter(int first_free, Map* map) {
+  const int count = static_cast<int>(map->keyframes.size());
   for (int k = first_free; k < count; ++k) {
     map->keyframes[k].rig_from_world = window_poses_[window_pose_of_keyframe_[k]];
   }
@@ -386,17 +358,33 @@ void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterat
   }
 }
 
+void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
+  gather(map, first_observed, first_free);
+  BundleOptions options = kAdjustment;
+  options.max_iterations = max_iterations;
+  adjuster_.adjust_two_stage(window_problem(*map), options, kInlierError);
+  scatter(first_free, map);
+}
+
 void Mapper::adjust_locally(Map* map) {
   ScopedTimer timer(adjust_timing);
   const int count = static_cast<int>(map->keyframes.size());
   const LocalWindow window =
       local_window(count, {options_.free_cameras, options_.window, options_.global_until});
   adjust(map, window.first_observed, window.first_free, 5);
+  if (is_scale_due(count, options_.global_until)) measure_scale(map);
 }
 
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust(map, 0, 0, 50);
+}
+
+void Mapper::measure_scale(Map* map) {
+  if (rig_.central()) return;
+  gather(map, 0, 0);
+  raysfm::measure_scale(kAdjustment, window_problem(*map), adjuster_, map);
+  scatter(0, map);
 }
 
 }  // namespace raysfm

@@ -41,6 +41,9 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
+  // Measures the scale of the map and its standard deviation, where rays have different origins.
+  void measure_scale(Map* map);
+
   StageTiming keyframe_timing, adjust_timing;
 
  private:
@@ -55,8 +58,9 @@ class Mapper {
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
   bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
   void choose_window(const Map& map, int first_observed);
-  void hold_scale(const Map& map, BundleProblem* problem) const;
-  void measure_scale(const BundleOptions& options, BundleProblem problem, Map* map);
+  void gather(const Map* map, int first_observed, int first_free);
+  BundleProblem window_problem(const Map& map);
+  void scatter(int first_free, Map* map);
   void adjust(Map* map, int first_observed, int first_free, int max_iterations);
 
   const TrackingRig& rig_;

@@ -27,6 +27,7 @@ constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth it
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
 constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little is matched
+constexpr double kMetric = 0.02;        // standard deviation of the scale below which it is called metric
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
@@ -245,10 +246,10 @@ void Odometry::track(const ViewPtr& view) {
       promote(view, pose);
       pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
     } else {
-      const Rigid3 before = previous_->pose.rig_from_world;
-      promote(previous_->view, previous_->pose);
+      Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
+      step.translation *= promote(previous_->view, previous_->pose);
       previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
-      const Rigid3 predicted = pose.rig_from_world * before.inverse() * previous_->pose.rig_from_world;
+      const Rigid3 predicted = step * previous_->pose.rig_from_world;
       pose = localiser_.localise(segment().map, segment().views, local_, *view, predicted,
                                  range_of(kNear, *view));
       if (!convincing(pose)) pose = localise(*view);
@@ -286,8 +287,12 @@ double Odometry::mean_keyframe_distance() const {
   return sum / static_cast<double>(keyframes.size() - 1);
 }
 
-void Odometry::promote(const ViewPtr& view, const Localisation& pose) {
+// Returns the factor by which that rescaled the map.
+double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
+  const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
+  const double factor = segment().map.rescaled / rescaled;
+  rescale_frames(static_cast<int>(segments_.size()) - 1, factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
@@ -295,6 +300,21 @@ void Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   forget_old_views();
   if (keyframe >= options_.global_until) settle_frames_of(keyframe - options_.window);
   set_anchor(keyframe);
+  return factor;
+}
+
+// What hangs on key frames follows a new scale of their map.
+void Odometry::rescale_frames(int segment, double factor) {
+  if (factor == 1) return;
+  const Eigen::Vector<double, 6> unit{factor, factor, factor, 1, 1, 1};
+  for (FrameRecord& frame : frames_) {
+    if (frame.segment != segment) continue;
+    frame.rig_from_keyframe.translation *= factor;
+    frame.covariance = unit.asDiagonal() * frame.covariance * unit.asDiagonal();
+  }
+  if (!tracking()) return;
+  previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
+  previous_->velocity.translation *= factor;
 }
 
 void Odometry::forget_old_views() {
@@ -390,6 +410,12 @@ Reconstruction Odometry::finish(bool final_global) {
   if (final_global) {
     for (SegmentState& s : segments_) mapper_.adjust_globally(&s.map);
   }
+  for (size_t s = 0; s < segments_.size(); ++s) {
+    Map& map = segments_[s].map;
+    const double rescaled = map.rescaled;
+    mapper_.measure_scale(&map);
+    rescale_frames(static_cast<int>(s), map.rescaled / rescaled);
+  }
   for (FrameRecord& frame : frames_) {
     if (frame.segment >= 0) settle(frame.segment, &frame);
   }
@@ -399,7 +425,6 @@ Reconstruction Odometry::finish(bool final_global) {
 Reconstruction Odometry::assemble() {
   Reconstruction out;
   out.rig = rig_.rig();
-  out.metric_scale = !segments_.empty();
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();
     frame.timestamp = f.timestamp;
@@ -413,9 +438,9 @@ Reconstruction Odometry::assemble() {
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);
   }
   double squares = 0;
+  int most_posed = 0;
   for (size_t s = 0; s < segments_.size(); ++s) {
     const Map& map = segments_[s].map;
-    out.metric_scale &= map.scale_measured;
     std::vector<int> point_of_track(map.tracks.size(), -1);
     for (size_t t = 0; t < map.tracks.size(); ++t) {
       if (!map.tracks[t].triangulated) continue;
@@ -438,11 +463,19 @@ Reconstruction Odometry::assemble() {
       keyframe.last_observation = static_cast<int>(out.observations.size());
       out.keyframes.push_back(keyframe);
     }
-    Segment segment{-1, -1, segments_[s].end_reason};
+    Segment segment{-1, -1, segments_[s].end_reason, map.scale_sigma < kMetric, {}};
+    if (std::isfinite(map.scale_sigma)) segment.scale_sigma = map.scale_sigma;
+    int posed = 0;
     for (size_t i = 0; i < frames_.size(); ++i) {
       if (frames_[i].segment != static_cast<int>(s)) continue;
+      ++posed;
       if (segment.first < 0) segment.first = static_cast<int>(i);
       segment.last = static_cast<int>(i);
+    }
+    if (posed > most_posed) {
+      most_posed = posed;
+      out.metric_scale = segment.metric_scale;
+      out.scale_sigma = segment.scale_sigma;
     }
     out.segments.push_back(segment);
     out.starts.push_back(segments_[s].start);

@@ -78,7 +78,8 @@ class Odometry {
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
   bool needs_keyframe(int frame, const Localisation& pose) const;
-  void promote(const ViewPtr& view, const Localisation& pose);
+  double promote(const ViewPtr& view, const Localisation& pose);
+  void rescale_frames(int segment, double factor);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
   void record(const View& view, const Localisation& pose, int keyframe);

@@ -18,9 +18,8 @@ constexpr double kMinInlierRatio = 0.55;
 constexpr double kMinSignificance = 28;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
-// While the scale of a rig cannot be told, it is worth waiting for a turn for so many views. Then the first
-// start of unknown scale must do.
-constexpr int kPatienceForScale = 100;
+// Views after which a rig that moves slowly tries to start before its matches become few, and between tries.
+constexpr int kPatience = 15, kBetweenTries = 5;
 
 std::vector<PairTracker> trackers_from(const ViewPtr& view) {
   std::vector<PairTracker> trackers;
@@ -83,8 +82,13 @@ std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
   while (next_ < static_cast<int>(views_.size())) {
     if (auto start = step(mapper)) return start;
   }
-  if (static_cast<int>(views_.size()) >= kPatienceForScale) return std::move(unscaled_);
   return std::nullopt;
+}
+
+// A rig's cameras see to all sides, and matches stay for long.
+bool Starter::is_worth_a_try(int current) const {
+  const int waited = current - first_;
+  return rig_.size() > 1 && waited >= kPatience && waited % kBetweenTries == 0;
 }
 
 std::optional<Start> Starter::step(Mapper& mapper) {
@@ -92,7 +96,8 @@ std::optional<Start> Starter::step(Mapper& mapper) {
   const ViewPtr& view = views_[current];
   const int with_first = advance(from_first_, view);
   if (second_ < 0) {
-    if (with_first >= enough(options_.min_matches)) return std::nullopt;
+    if (with_first >= enough(options_.min_matches))
+      return is_worth_a_try(current) ? attempt((first_ + current) / 2, current, mapper) : std::nullopt;
     second_ = std::max(current - 1, first_ + 1);
     from_second_ = trackers_from(views_[second_]);
     if (second_ == current) return std::nullopt;
@@ -115,8 +120,7 @@ std::optional<Start> Starter::finish(Mapper& mapper) {
     return std::nullopt;
   }
   const int second = second_ > first_ && second_ < last ? second_ : (first_ + last) / 2;
-  if (auto start = attempt(second, last, mapper)) return start;
-  return std::move(unscaled_);
+  return attempt(second, last, mapper);
 }
 
 std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& views) const {
@@ -207,12 +211,6 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
                             significance));
     return std::nullopt;
   }
-  if (rig_.size() > 1 && !geometry.scale_known) {
-    if (!unscaled_) unscaled_ = build(views, matches, geometry, mapper);
-    fail(count,
-         fmt::format("{}: the scale cannot be told: no turn, and no common view of the cameras", frames));
-    return std::nullopt;
-  }
   return build(views, matches, geometry, mapper);
 }
 
@@ -221,7 +219,6 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
   Start start;
   start.first_view = first_;
   Map& map = start.map;
-  map.scale_measured = geometry.scale_known;
   const Rigid3 rig_from_world[3] = {Rigid3{}, geometry.rig1_from_rig0, geometry.rig2_from_rig0};
   for (int v = 0; v < 3; ++v) {
     map.keyframes.emplace_back();

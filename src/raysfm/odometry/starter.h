@@ -47,6 +47,7 @@ class Starter {
   int attempts() const { return attempts_; }
 
  private:
+  bool is_worth_a_try(int current) const;
   std::optional<Start> step(Mapper& mapper);
   std::optional<Start> attempt(int second, int third, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
@@ -83,7 +84,6 @@ class Starter {
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;
-  std::optional<Start> unscaled_;  // the first whose scale is not known
 };
 
 }  // namespace raysfm

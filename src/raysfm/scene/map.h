@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "raysfm/camera/observed_ray.h"
@@ -50,11 +51,14 @@ struct MapKeyFrame {
 struct Map {
   std::vector<MapKeyFrame> keyframes;  // in time order
   std::vector<Track> tracks;
-  // The scale is that of the rig's calibration. Where the start did not tell it, the distance from key frame
-  // 0 to this one stands for it, and is held until enough has been seen to measure it.
-  bool scale_measured = false;
+  // Standard deviation of the logarithm of the scale, by which the map is in the unit of the rig's
+  // calibration; infinite where nothing tells it.
+  double scale_sigma = std::numeric_limits<double>::infinity();
+  // Where the start did not tell the scale, the distance from key frame 0 to this one stands for it, and is
+  // held until enough has been seen to measure it.
   int guessed_keyframe = -1;
   double guessed_distance = 0;
+  double rescaled = 1;  // factor between the map as it was started and as it is
 
   void observe(int track, int keyframe, int feature) {
     tracks[track].observations.push_back({keyframe, feature});

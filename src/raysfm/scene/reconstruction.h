@@ -50,6 +50,9 @@ struct Segment {
   int first = 0;  // frame indices, inclusive
   int last = 0;
   std::string reason;  // why it ended: "end of input", or why track was lost
+  bool metric_scale = false;
+  std::optional<double>
+      scale_sigma;  // standard deviation of the logarithm of the scale, where something tells it
 };
 
 // How a segment began (LBA09 2.2).
@@ -61,8 +64,9 @@ struct StartSummary {
 
 struct Reconstruction {
   Rig rig;
-  bool metric_scale = false;
-  std::vector<PosedFrame> frames;  // one per frame of the input, in time order
+  bool metric_scale = false;          // of the segment with most posed frames
+  std::optional<double> scale_sigma;  // likewise
+  std::vector<PosedFrame> frames;     // one per frame of the input, in time order
   std::vector<KeyFrame> keyframes;
   std::vector<Observation> observations;
   std::vector<MapPoint> points;

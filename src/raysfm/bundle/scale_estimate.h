@@ -1,0 +1,24 @@
+#pragma once
+
+#include <optional>
+
+#include "raysfm/bundle/bundle_problem.h"
+
+namespace raysfm {
+
+// What the observations say of the scale of a world: that of the trajectory, as a similarity fits it.
+struct ScaleEstimate {
+  double ratio =
+      1;  // of the scale of least cost to the present one, everything else adjusted; within [1/4, 4]
+  double sigma = 0;  // standard deviation of the logarithm of the former
+};
+
+// From one linearisation of a problem of cameras or rays at a state near its minimum, but for the scale: seen
+// along rays of different origins, the residuals are nearly linear in the inverse of the scale, so that the
+// state may be at a multiple of it. One pose at least must not be free, and no point fixed;
+// problem.scale_prior is not looked at. The standard deviation is that of the normal equations with the
+// variance of the residuals, or of the gradient's parts by point where errors of one point's observations go
+// together, whichever is more. Nothing where no observation tells the scale, as with a central camera.
+std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options);
+
+}  // namespace raysfm

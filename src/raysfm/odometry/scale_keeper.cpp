@@ -1,0 +1,55 @@
+#include "raysfm/odometry/scale_keeper.h"
+
+#include <cmath>
+
+#include "raysfm/bundle/scale_estimate.h"
+#include "raysfm/bundle/scale_search.h"
+
+namespace raysfm {
+namespace {
+
+constexpr double kHold = 1e4;      // weight of the prior
+constexpr double kTold = 0.2;      // sigma below which a measurement is better than a guess
+constexpr double kSettled = 0.25;  // of sigma: smaller steps are not worth taking
+constexpr double kSmall = 0.01;    // steps of the scale that need no adjustment of everything else
+constexpr int kEvery = 2;          // key frames of a small map
+constexpr double kGrowth = 1.25;   // of a large one, from measurement to measurement
+
+}  // namespace
+
+void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundleProblem* problem) {
+  if (map.guessed_keyframe < 0 || pose_of_keyframe[0] < 0) return;
+  problem->scale_prior = {pose_of_keyframe[map.guessed_keyframe], pose_of_keyframe[0], map.guessed_distance,
+                          kHold};
+}
+
+void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAdjuster& adjuster, Map* map) {
+  const std::optional<ScaleEstimate> found = estimate_scale(problem, options);
+  map->scale_sigma = found ? found->sigma : INFINITY;
+  if (!(map->scale_sigma < kTold)) return;
+  const double step = std::abs(std::log(found->ratio));
+  if (step < kSettled * found->sigma) return;
+  const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
+  double ratio = found->ratio;
+  if (step < kSmall) {
+    scale_world(ratio, center, problem.rig_from_world, problem.points);
+  } else {
+    const int last = static_cast<int>(problem.rig_from_world.size()) - 1;
+    const double distance = (problem.rig_from_world[last].inverse().translation - center).norm();
+    problem.scale_prior = {last, 0, distance, kHold};
+    const ScaleSearch searched = search_scale(adjuster, problem, options);
+    ratio = searched.distance / distance;
+    map->scale_sigma = searched.sigma;
+  }
+  map->rescaled *= ratio;
+  map->guessed_distance *= ratio;
+}
+
+bool is_scale_due(int keyframes, int global_until) {
+  if (keyframes <= global_until) return keyframes % kEvery == 0;
+  double due = std::max(1, global_until);
+  while (static_cast<int>(due) < keyframes) due = std::max(due + 1, kGrowth * due);
+  return static_cast<int>(due) == keyframes;
+}
+
+}  // namespace raysfm
