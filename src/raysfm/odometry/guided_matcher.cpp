@@ -10,6 +10,10 @@ namespace {
 // A patch whose border moves by less than this many pixels is compared as it is.
 constexpr float kRigidPatchTolerance = 0.12f * kPatchRadius;
 constexpr float kMaxAreaRatio = 6.0f;
+// A point that is seen larger than before is looked for in the octave where it was as large as before only from
+// a factor of 2^(1 - this) on: up to there a finer octave is more exact. A half costs kitti07-mono a twentieth
+// of its accuracy.
+constexpr double kRatherFiner = 0.1;
 
 // A patch of the given octave.
 bool nearly_rigid(const Eigen::Matrix2f& warp, int octave) {
@@ -60,7 +64,7 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
   const double area = target_from_patch.determinant();
   if (!(area > 1e-6 && area < 1e6)) return false;
   const int octave = keyframe.octaves[feature];
-  const int wanted = octave + static_cast<int>(std::lround(0.5 * std::log2(area)));
+  const int wanted = octave + static_cast<int>(std::floor(0.5 * std::log2(area) + kRatherFiner));
   query->octave = view.clamp_octave(wanted);
   const double in_octaves = std::ldexp(area, 2 * (octave - query->octave));
   if (!(in_octaves > 1.0 / kMaxAreaRatio && in_octaves < kMaxAreaRatio)) return false;

@@ -114,7 +114,7 @@ void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* 
     in_octave.max_features =
         o == octaves.first()
             ? options.max_features - coarse_features(octaves, options.max_features)
-            : std::max(coarse_features(octaves, options.max_features), options.max_features / 2 - there);
+            : std::max(coarse_features(octaves, options.max_features), options.max_features / 4 - there);
     detector.detect(octaves.at(o), in_octave, &found);
     const int begin = view->features.size();
     append(found, &view->features);
