@@ -175,13 +175,25 @@ bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
   return estimate_.ok();
 }
 
-bool Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
-                                  Rigid3* rig_from_world) {
+Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame) {
+  Localisation out;
   clear_observations();
-  for (const TrackPixel& m : matches) add_observation(map, m);
-  if (!estimate(nullptr, frame, kCornerError)) return false;
-  *rig_from_world = estimate_.rig_from_world;
-  return true;
+  aligned_.clear();
+  for (const TrackPixel& m : matches) {
+    if (add_observation(map, m)) aligned_.push_back({m, false});
+  }
+  out.ok = estimate(nullptr, frame, kCornerError);
+  if (!out.ok) {
+    out.reason = fmt::format("{} of {} corners agree on a pose", estimate_.inlier_count, points_.size());
+    return out;
+  }
+  out.rig_from_world = estimate_.rig_from_world;
+  out.covariance = estimate_.covariance;
+  out.sigma_px = estimate_.sigma_px;
+  for (size_t i = 0; i < aligned_.size(); ++i) {
+    if (estimate_.inlier[i]) out.matches.push_back(aligned_[i]);
+  }
+  return out;
 }
 
 // Sub-pixel places of all visible points about a first pose, and the pose that they give.

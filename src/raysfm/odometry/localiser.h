@@ -82,9 +82,9 @@ class Localiser {
   Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const View& view, const Rigid3& predicted_rig_from_world, const SearchRange& range);
 
-  // Pose from matches that are corners still, with outliers among them. False where they do not determine it.
-  bool pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
-                         Rigid3* rig_from_world);
+  // Pose from matches that are corners still, with outliers among them; none where they do not determine it.
+  // Says nothing of visible points.
+  Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame);
 
   // The pose again, from the same matches and the present positions of the points. False, changing nothing,
   // where they no longer determine it.

@@ -179,14 +179,15 @@ TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
     if (t % 3 == 0) pixel = {rng.uniform(0, 320), rng.uniform(0, 240)};
     matches.push_back({static_cast<int>(t), 0, 0, pixel.cast<float>()});
   }
-  Rigid3 found;
-  ASSERT_TRUE(localiser_.pose_from_matches(truth_.map, matches, 3, &found));
-  EXPECT_LT(error_of(pose, found).head<3>().norm(), 0.002);
-  EXPECT_LT(error_of(pose, found).tail<3>().norm(), 0.0005);
+  const Localisation found = localiser_.pose_from_matches(truth_.map, matches, 3);
+  ASSERT_TRUE(found.ok);
+  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.002);
+  EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0005);
+  for (const PointMatch& m : found.matches) EXPECT_NE(m.track % 3, 0);
 
   for (TrackPixel& m : matches) m.pixel = {float(rng.uniform(0, 320)), float(rng.uniform(0, 240))};
-  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, matches, 3, &found));
-  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, {}, 3, &found));
+  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, matches, 3).ok);
+  EXPECT_FALSE(localiser_.pose_from_matches(truth_.map, {}, 3).ok);
 }
 
 TEST_F(LocaliserTest, RefineFollowsPointsThatHaveMoved) {

@@ -98,10 +98,10 @@ void start_tracks(const TrackingRig& rig, const View& view, float spacing, int k
       bool free = true;
       taken.for_each_in(pixel, spacing * octave_side(octave), [&](int) { free = false; });
       if (!free) continue;
-      const int track = static_cast<int>(map->tracks.size());
-      map->tracks.emplace_back().rgb = image.rgb[i];
+      const int track = map->new_track();
+      map->tracks[track].rgb = image.rgb[i];
       const TrackPixel seen{track, static_cast<uint8_t>(c), octave, pixel};
-      if (!observe(rig, seen, keyframe, map)) map->tracks.pop_back();
+      if (!observe(rig, seen, keyframe, map)) map->free_track(track);
     }
   }
 }
@@ -127,7 +127,12 @@ void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
                                std::vector<KeyFrameView>* views) {
   start_tracks(rig_, *view, kTrackSpacing, keyframe, map);
   views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_));
-  if (rig_.common_views().empty()) return;
+  if (!rig_.common_views().empty()) find_across(view, keyframe, map, views);
+  views->back().view = images_of(*view);
+}
+
+// Tracks without a position in the other cameras of the same instant.
+void Mapper::find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views) {
   const MapKeyFrame& k = map->keyframes[keyframe];
   std::vector<int> wanted;
   for (int f = 0; f < k.size(); ++f) {
@@ -250,7 +255,7 @@ void Mapper::triangulate_tracks(int keyframe, Map* map) {
     ++known;
     Track& track = map->tracks[c.track];
     track.position = c.point;
-    track.triangulated = true;
+    track.triangulated = track.had_position = true;
     for (const TrackObservation& o : track.observations) map->keyframes[o.keyframe].inliers[o.feature] = 1;
   }
 }

@@ -55,6 +55,7 @@ class Mapper {
 
   void follow_in(int camera, int from, int to, const View& view, Map* map,
                  std::span<const KeyFrameView> views);
+  void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
   bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
   void choose_window(const Map& map, int first_observed);

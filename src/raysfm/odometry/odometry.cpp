@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "raysfm/core/median.h"
+#include "raysfm/odometry/dead_features.h"
 
 namespace raysfm {
 namespace {
@@ -14,6 +15,8 @@ namespace {
 constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
 constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
 constexpr int kKeptViews = 60;           // key frames whose images are kept
+// Key frames after which a track that has no position, and is not seen any more, is given up.
+constexpr int kFollowedFor = 2;
 // How the search widens: radius as a part of the image's width, and points matched for a first pose.
 struct Effort {
   float radius_share;
@@ -66,6 +69,12 @@ Rigid3 interpolate(const Rigid3& a, const Rigid3& b, double part) {
   return {a.rotation.slerp(part, b.rotation), (1 - part) * a.translation + part * b.translation};
 }
 
+// A motion continued, or cut short: its rotation and translation by the same part, which may exceed 1.
+Rigid3 part_of(const Rigid3& motion, double part) {
+  const Eigen::AngleAxisd turn(motion.rotation);
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(part * turn.angle(), turn.axis())), part * motion.translation};
+}
+
 }  // namespace
 
 Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events)
@@ -105,35 +114,36 @@ void Odometry::start(const ViewPtr& view) {
     tell(Event::Level::kWarning, fmt::format("no start yet: {}", starter_->last_reason()));
   }
   if (!start) return;
-  const std::vector<ViewPtr> views = starter_->views();
+  const std::vector<WaitingView> views = starter_->views();
   starter_.emplace(rig_, options_);
   begin_segment(std::move(*start), views);
 }
 
-void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
+void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {
   const std::vector<int> chosen = start.summary.frames;
   tell(Event::Level::kInfo, fmt::format("started from frames {}, {}, {} with {} points", chosen[0], chosen[1],
                                         chosen[2], start.summary.inliers));
+  if (!segments_.empty())
+    segments_.back().views = std::vector<KeyFrameView>();  // nothing is looked for in it again
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
 
-  const auto third =
-      std::find_if(views.begin(), views.end(), [&](const ViewPtr& v) { return v->frame == chosen[2]; });
-  const Localisation pose = seen_by_keyframe(segment().map.keyframes[2], segment().map);
+  const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
+  previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
   const FrameRecord& before = frames_[chosen[2] - 1];
-  Rigid3 velocity;
   if (before.segment + 1 == static_cast<int>(segments_.size())) {
-    velocity = pose.rig_from_world *
-               (before.rig_from_keyframe * segment().map.keyframes[before.keyframe].rig_from_world).inverse();
+    const Rigid3 rig_from_world =
+        before.rig_from_keyframe * segment().map.keyframes[before.keyframe].rig_from_world;
+    previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
+    previous_->interval = third->view->timestamp - before.timestamp;
   }
-  previous_ = Previous{*third, pose, velocity};
   set_anchor(2);
   for (auto it = third + 1; it != views.end(); ++it) {
     if (tracking()) {
-      track(*it);
-    } else if (!relocalise(*it)) {
-      this->start(*it);
+      track(it->view);
+    } else if (!relocalise(it->view)) {
+      this->start(it->view);
     }
   }
 }
@@ -151,54 +161,69 @@ void Odometry::set_anchor(int keyframe) {
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it.
-bool Odometry::pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure,
+bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
                          Rigid3* rig_from_world) {
   const Map& map = segment().map;
   const Localisation pose =
-      localiser_.localise(map, segment().views, make_local_map(map, segment().views, rig_, keyframe, kReach),
-                          view, predicted, range_of(sure ? kNear : kWide, view));
+      localiser_.localise(map, segment().views, local, view, predicted, range_of(sure ? kNear : kWide, view));
   if (!believable(pose)) {
     frames_[view.frame].reason =
         fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
     return false;
   }
-  record(view, pose, keyframe);
+  record(view.frame, pose, local.anchor);
   *rig_from_world = pose.rig_from_world;
   return true;
 }
 
-// Key frames of the start and the frames between, each posed first by what the corner tracker saw.
-void Odometry::pose_start_frames(const Start& start, const std::vector<ViewPtr>& views) {
+// A frame between key frames of the start, posed first by what the corner tracker saw, which is all there is
+// of a view that was released.
+void Odometry::pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local) {
   const Map& map = segment().map;
-  int keyframe = 0;
-  for (int i = start.first_view; views[i]->frame <= map.keyframes[2].frame; ++i) {
-    const View& view = *views[i];
-    while (keyframe < 2 && view.frame >= map.keyframes[keyframe + 1].frame) ++keyframe;
-    if (view.frame == map.keyframes[keyframe].frame) {
-      record(view, seen_by_keyframe(map.keyframes[keyframe], map), keyframe);
-      if (keyframe == 2) break;
+  const Localisation seen =
+      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1], waiting.frame);
+  if (!waiting.view) {
+    frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
+    if (seen.ok) record(waiting.frame, seen, local.anchor);
+    return;
+  }
+  const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
+  Rigid3 pose = seen.rig_from_world;
+  if (!seen.ok) {
+    pose = interpolate(a.rig_from_world, b.rig_from_world,
+                       double(waiting.frame - a.frame) / double(b.frame - a.frame));
+  }
+  pose_near(*waiting.view, local, pose, seen.ok, &pose);
+}
+
+// Key frames of the start and the frames between.
+void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingView>& views) {
+  const Map& map = segment().map;
+  LocalMap local;
+  int next = 0;  // key frame
+  for (int i = start.first_view; next < 3; ++i) {
+    if (views[i].frame != map.keyframes[next].frame) {
+      pose_between(start, views[i], i, local);
       continue;
     }
-    const MapKeyFrame &a = map.keyframes[keyframe], &b = map.keyframes[keyframe + 1];
-    Rigid3 pose = interpolate(a.rig_from_world, b.rig_from_world,
-                              double(view.frame - a.frame) / double(b.frame - a.frame));
-    const bool seen =
-        localiser_.pose_from_matches(map, start.seen[i - start.first_view - 1], view.frame, &pose);
-    pose_near(view, pose, keyframe, seen, &pose);
+    record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
+    local = make_local_map(map, segment().views, rig_, next, kReach);
+    ++next;
   }
 }
 
 // Frames before the first key frame: back in time while the map reaches.
-void Odometry::pose_earlier_frames(const std::vector<ViewPtr>& views, int first_view) {
+void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int first_view) {
   Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
-  for (int i = first_view - 1; i >= 0; --i) {
+  const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
+  for (int i = first_view - 1; i >= 0 && views[i].view; --i) {
     Rigid3 pose;
-    if (!pose_near(*views[i], velocity * next, 0, false, &pose)) break;
+    if (!pose_near(*views[i].view, local, velocity * next, false, &pose)) break;
     velocity = pose * next.inverse();
     next = pose;
   }
   for (int i = 0; i < first_view; ++i) {
-    FrameRecord& frame = frames_[views[i]->frame];
+    FrameRecord& frame = frames_[views[i].frame];
     if (frame.segment < 0 && frame.reason.empty()) {
       frame.reason = fmt::format("before the start at frame {}", segment().map.keyframes[0].frame);
     }
@@ -218,8 +243,17 @@ Rigid3 Odometry::turned(const View& view) const {
   return camera.rig_from_cam * Rigid3{cam_rotation, Eigen::Vector3d::Zero()} * camera.rig_from_cam.inverse();
 }
 
+// Where the motion before leads by the time of a view.
+Rigid3 Odometry::moved_on(const View& view) const {
+  constexpr double kMostIntervals = 4;  // beyond them nothing is known of it
+  const Rigid3& still = previous_->pose.rig_from_world;
+  if (!(previous_->interval > 0)) return still;
+  const double intervals = (view.timestamp - previous_->view->timestamp) / previous_->interval;
+  return part_of(previous_->velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
+}
+
 Localisation Odometry::localise(const View& view) {
-  const Rigid3 still = previous_->pose.rig_from_world, moving = previous_->velocity * still;
+  const Rigid3 still = previous_->pose.rig_from_world, moving = moved_on(view);
   Localisation best;
   for (int attempt = 0; attempt < 4; ++attempt) {
     const Rigid3 predicted = attempt == 1 ? turned(view) * still : attempt == 3 ? still : moving;
@@ -244,7 +278,9 @@ void Odometry::track(const ViewPtr& view) {
     const bool previous_is_keyframe = segment().map.keyframes.back().frame == previous_->view->frame;
     if (previous_is_keyframe) {
       promote(view, pose);
-      pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
+      const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
+      pose.rig_from_world = keyframes.back().rig_from_world;
+      previous_->pose.rig_from_world = keyframes[keyframes.size() - 2].rig_from_world;
     } else {
       Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
       step.translation *= promote(previous_->view, previous_->pose);
@@ -278,13 +314,15 @@ bool Odometry::needs_keyframe(int frame, const Localisation& pose) const {
   return semi_axis > mean_keyframe_distance();
 }
 
+// Over those that are still at hand.
 double Odometry::mean_keyframe_distance() const {
   const std::vector<MapKeyFrame>& keyframes = segments_.back().map.keyframes;
+  const size_t first = keyframes.size() - std::min<size_t>(keyframes.size() - 1, kKeptViews);
   double sum = 0;
-  for (size_t i = 1; i < keyframes.size(); ++i) {
+  for (size_t i = first; i < keyframes.size(); ++i) {
     sum += (keyframes[i].rig_from_world * keyframes[i - 1].rig_from_world.inverse()).translation.norm();
   }
-  return sum / static_cast<double>(keyframes.size() - 1);
+  return sum / static_cast<double>(keyframes.size() - first);
 }
 
 // Returns the factor by which that rescaled the map.
@@ -296,7 +334,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
-  record(*view, at_keyframe, keyframe);
+  record(view->frame, at_keyframe, keyframe);
   forget_old_views();
   if (keyframe >= options_.global_until) settle_frames_of(keyframe - options_.window);
   set_anchor(keyframe);
@@ -319,11 +357,13 @@ void Odometry::rescale_frames(int segment, double factor) {
 
 void Odometry::forget_old_views() {
   std::vector<KeyFrameView>& views = segment().views;
+  const int settled = static_cast<int>(views.size()) - 1 - kFollowedFor;
+  if (settled >= 0) drop_dead_features(settled, &segment().map, &views[settled]);
   if (views.size() > kKeptViews) views[views.size() - 1 - kKeptViews] = KeyFrameView{};
 }
 
-void Odometry::record(const View& view, const Localisation& pose, int keyframe) {
-  FrameRecord& frame = frames_[view.frame];
+void Odometry::record(int number, const Localisation& pose, int keyframe) {
+  FrameRecord& frame = frames_[number];
   if (frame.segment < 0) ++posed_;
   frame.segment = static_cast<int>(segments_.size()) - 1;
   frame.keyframe = keyframe;
@@ -359,10 +399,13 @@ void Odometry::settle_frames_of(int keyframe) {
 }
 
 void Odometry::accept(const ViewPtr& view, Localisation pose) {
-  record(*view, pose, local_.anchor);
-  Rigid3 velocity;
-  if (previous_) velocity = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
-  previous_ = Previous{view, std::move(pose), velocity};
+  record(view->frame, pose, local_.anchor);
+  Previous now{view, std::move(pose), {}, 0};
+  if (previous_) {
+    now.velocity = now.pose.rig_from_world * previous_->pose.rig_from_world.inverse();
+    now.interval = view->timestamp - previous_->view->timestamp;
+  }
+  previous_ = std::move(now);
 }
 
 void Odometry::lose(const ViewPtr& view, const std::string& reason) {
@@ -398,7 +441,7 @@ bool Odometry::relocalise(const ViewPtr& view) {
 Reconstruction Odometry::finish(bool final_global) {
   if (!tracking()) {
     if (auto start = starter_->finish(mapper_)) {
-      const std::vector<ViewPtr> views = starter_->views();
+      const std::vector<WaitingView> views = starter_->views();
       starter_.emplace(rig_, options_);
       begin_segment(std::move(*start), views);
     } else {

@@ -62,18 +62,22 @@ class Odometry {
   struct Previous {
     ViewPtr view;
     Localisation pose;
-    Rigid3 velocity;  // rig now from rig one frame ago
+    Rigid3 velocity;      // rig now from rig `interval` ago
+    double interval = 0;  // seconds, > 0; 0: no velocity
   };
 
   SegmentState& segment() { return segments_.back(); }
   bool tracking() const { return previous_.has_value(); }
 
   void start(const ViewPtr& view);
-  void begin_segment(Start start, const std::vector<ViewPtr>& views);
-  void pose_start_frames(const Start& start, const std::vector<ViewPtr>& views);
-  void pose_earlier_frames(const std::vector<ViewPtr>& views, int first_view);
-  bool pose_near(const View& view, const Rigid3& predicted, int keyframe, bool sure, Rigid3* rig_from_world);
+  void begin_segment(Start start, const std::vector<WaitingView>& views);
+  void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
+  void pose_earlier_frames(const std::vector<WaitingView>& views, int first_view);
+  bool pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
+                 Rigid3* rig_from_world);
+  void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);
   void track(const ViewPtr& view);
+  Rigid3 moved_on(const View& view) const;
   Localisation localise(const View& view);
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
@@ -82,7 +86,7 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
-  void record(const View& view, const Localisation& pose, int keyframe);
+  void record(int frame, const Localisation& pose, int keyframe);
   void settle(int segment, FrameRecord* frame);
   void settle_frames_of(int keyframe);
   void lose(const ViewPtr& view, const std::string& reason);

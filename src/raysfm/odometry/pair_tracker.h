@@ -20,8 +20,13 @@ class PairTracker {
 
   const CameraView& base() const { return base_->cameras[camera_]; }
   int views() const { return static_cast<int>(matches_.size()); }
-  // Feature of the k-th view after the base for each feature of the base, -1 where there is none.
+  // Feature of the k-th view after the base for each feature of the base, -1 where there is none; empty for a
+  // view that was skipped or released.
   const std::vector<int>& matches(int k) const { return matches_[k]; }
+  // Passes over a view that is no longer there.
+  void skip() { matches_.emplace_back(); }
+  // Forgets what was matched with the k-th view.
+  void release(int k) { matches_[k] = {}; }
   // Median distance in pixels between the matched features of the base and the newest view.
   float median_displacement() const { return median_displacement_; }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "raysfm/core/median.h"
 
@@ -18,8 +19,18 @@ constexpr double kMinInlierRatio = 0.55;
 constexpr double kMinSignificance = 28;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
-// Views after which a rig that moves slowly tries to start before its matches become few, and between tries.
+// Views after which a rig that moves slowly tries to start before its matches become few, and between tries;
+// and how far, as a part of the image's width, corners must have moved for a single camera, and how much
+// farther for another try.
 constexpr int kPatience = 15, kBetweenTries = 5;
+constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
+// Views whose images are kept while they wait: when there are more, every second of the older ones goes.
+constexpr size_t kKeptViews = 40, kNewViews = 8;
+constexpr int kEarlierViews = 20;  // kept before the first of the attempt
+constexpr int kSeenCorners = 120;  // that stand for a released view, of each camera
+constexpr float kStill = 0.3f;     // pixels of the octave
+// An image this much softer than one just before it is no good for a key frame.
+constexpr float kMuchSofter = 1.25f;
 
 std::vector<PairTracker> trackers_from(const ViewPtr& view) {
   std::vector<PairTracker> trackers;
@@ -65,7 +76,9 @@ void Starter::restart(int first) {
   first_ = first;
   second_ = -1;
   next_ = first + 1;
-  from_first_ = trackers_from(views_[first]);
+  tried_at_ = 0;
+  last_seen_.reset();
+  from_first_ = trackers_from(views_[first].view);
   from_second_.clear();
 }
 
@@ -77,37 +90,128 @@ int Starter::advance(std::vector<PairTracker>& trackers, const ViewPtr& view) {
 }
 
 std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
-  views_.push_back(std::move(view));
+  views_.push_back({view->frame, view, nullptr});
   if (views_.size() == 1) restart(0);
   while (next_ < static_cast<int>(views_.size())) {
     if (auto start = step(mapper)) return start;
   }
+  release_views();
   return std::nullopt;
 }
 
-// A rig's cameras see to all sides, and matches stay for long.
-bool Starter::is_worth_a_try(int current) const {
+// Where matches stay for long: a rig's cameras see to all sides, a single one moves slowly.
+bool Starter::is_worth_a_try(int current) {
   const int waited = current - first_;
-  return rig_.size() > 1 && waited >= kPatience && waited % kBetweenTries == 0;
+  if (waited < kPatience || waited % kBetweenTries != 0) return false;
+  if (rig_.size() > 1) return true;
+  const float moved = from_first_[0].median_displacement();
+  const float wanted = kMotionForTry * static_cast<float>(rig_.camera(0).width);
+  if (moved < std::max(wanted, kFartherForTry * tried_at_)) return false;
+  tried_at_ = moved;
+  return true;
+}
+
+// The view nearest to one of the attempt whose images are there, between the first and the last.
+int Starter::kept_near(int view) const {
+  const int last = static_cast<int>(views_.size()) - 1;
+  for (int step = 0; step < last; ++step) {
+    if (view - step > first_ && views_[view - step].view) return view - step;
+    if (view + step < last && views_[view + step].view) return view + step;
+  }
+  return view;
+}
+
+// `view`, or one of the two before it where that is blurred; later than `after`.
+int Starter::sharpest_until(int view, int after) const {
+  const auto softness = [&](int v) {
+    const Octaves& octaves = *views_[v].view->cameras[0].octaves;
+    return octaves.softness() * octave_side(octaves.first());
+  };
+  int best = view;
+  for (int v = view - 1; v > std::max(after, view - 3) && views_[v].view; --v) {
+    if (kMuchSofter * softness(v) < softness(best)) best = v;
+  }
+  return best;
+}
+
+// Whether the corners seen before have not moved in the k-th view after the first.
+bool Starter::shows_the_same(const std::vector<SeenCorner>& seen, int k) const {
+  std::vector<float> moved;
+  for (const SeenCorner& s : seen) {
+    const std::vector<int>& matches = from_first_[s.camera].matches(k);
+    if (matches[s.corner] < 0) continue;
+    const Features& features = views_[first_ + 1 + k].view->cameras[s.camera].features;
+    moved.push_back((features.pixels[matches[s.corner]] - s.pixel).norm() / octave_side(s.octave));
+  }
+  return 2 * moved.size() >= seen.size() && median_of(&moved) < kStill;
+}
+
+// At most so many in each camera, evenly over the corners of the first view.
+std::vector<SeenCorner> Starter::seen_corners(int k, int most) const {
+  std::vector<SeenCorner> seen;
+  for (int c = 0; c < rig_.size(); ++c) {
+    const std::vector<int>& matches = from_first_[c].matches(k);
+    const Features& features = views_[first_ + 1 + k].view->cameras[c].features;
+    const auto count = std::ranges::count_if(matches, [](int m) { return m >= 0; });
+    int64_t share = 0;
+    for (size_t f = 0; f < matches.size(); ++f) {
+      if (matches[f] < 0) continue;
+      share += std::min<int64_t>(most, count);
+      if (share < count) continue;
+      share -= count;
+      seen.push_back({static_cast<int>(f), static_cast<uint8_t>(c), features.octaves[matches[f]],
+                      features.pixels[matches[f]]});
+    }
+  }
+  return seen;
+}
+
+void Starter::release(int view) {
+  const int k = view - first_ - 1;
+  if (k >= 0) {
+    if (!last_seen_ || !shows_the_same(*last_seen_, k)) {
+      last_seen_ = std::make_shared<const std::vector<SeenCorner>>(seen_corners(k, kSeenCorners));
+    }
+    views_[view].seen = last_seen_;
+    for (PairTracker& tracker : from_first_) tracker.release(k);
+  }
+  views_[view].view.reset();
+}
+
+void Starter::release_views() {
+  for (int v = first_ - kEarlierViews - 1; v >= 0 && views_[v].view; --v) release(v);
+  std::vector<int> kept;
+  for (int v = first_ + 1; v < next_; ++v) {
+    if (views_[v].view) kept.push_back(v);
+  }
+  if (kept.size() <= kKeptViews) return;
+  for (size_t i = 1; i + kNewViews < kept.size(); i += 2) {
+    if (kept[i] != second_) release(kept[i]);
+  }
 }
 
 std::optional<Start> Starter::step(Mapper& mapper) {
   const int current = next_++;
-  const ViewPtr& view = views_[current];
+  const ViewPtr view = views_[current].view;
+  if (!view) {
+    for (PairTracker& tracker : from_first_) tracker.skip();
+    return std::nullopt;
+  }
   const int with_first = advance(from_first_, view);
   if (second_ < 0) {
     if (with_first >= enough(options_.min_matches))
-      return is_worth_a_try(current) ? attempt((first_ + current) / 2, current, mapper) : std::nullopt;
-    second_ = std::max(current - 1, first_ + 1);
-    from_second_ = trackers_from(views_[second_]);
+      return is_worth_a_try(current) ? attempt(kept_near((first_ + current) / 2), current, mapper)
+                                     : std::nullopt;
+    second_ = kept_near(sharpest_until(std::max(current - 1, first_ + 1), first_));
+    from_second_ = trackers_from(views_[second_].view);
     if (second_ == current) return std::nullopt;
   }
   const int with_second = advance(from_second_, view);
   if (with_second >= enough(options_.min_matches) && with_first >= enough(options_.min_matches3))
     return std::nullopt;
 
-  const int third = std::max(current - 1, second_ + 1);
-  if (third > current) return std::nullopt;
+  const int third = sharpest_until(std::max(current - 1, second_ + 1), second_);
+  if (third > current || !views_[third].view) return std::nullopt;
   auto start = attempt(second_, third, mapper);
   if (!start) restart(second_);
   return start;
@@ -119,7 +223,7 @@ std::optional<Start> Starter::finish(Mapper& mapper) {
     if (reason_.empty()) reason_ = fmt::format("{} frames are too few, at least 3 are needed", views_.size());
     return std::nullopt;
   }
-  const int second = second_ > first_ && second_ < last ? second_ : (first_ + last) / 2;
+  const int second = second_ > first_ && second_ < last ? second_ : kept_near((first_ + last) / 2);
   return attempt(second, last, mapper);
 }
 
@@ -133,7 +237,7 @@ std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& view
       const int features[3] = {f, second[f], third[f]};
       Match match{c, f, {}, {}};
       for (int v = 0; v < 3; ++v) {
-        const Features& of_view = views_[views[v]]->cameras[c].features;
+        const Features& of_view = views_[views[v]].view->cameras[c].features;
         match.seen[v] = {-1, static_cast<uint8_t>(c), of_view.octaves[features[v]],
                          of_view.pixels[features[v]]};
       }
@@ -195,10 +299,10 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
   ++attempts_;
   const std::array<int, 3> views = {first_, second, third};
   std::vector<Match> matches = find_matches(views);
-  find_across(views_[first_], &matches);
-  const GenericStart geometry = estimate(matches, static_cast<uint64_t>(views_[first_]->frame));
+  find_across(views_[first_].view, &matches);
+  const GenericStart geometry = estimate(matches, static_cast<uint64_t>(views_[first_].frame));
   const std::string frames =
-      fmt::format("frames {}, {}, {}", views_[first_]->frame, views_[second]->frame, views_[third]->frame);
+      fmt::format("frames {}, {}, {}", views_[first_].frame, views_[second].frame, views_[third].frame);
   const int count = static_cast<int>(matches.size());
   if (!geometry.ok()) {
     fail(count, fmt::format("{}: {}", frames, describe(geometry)));
@@ -222,7 +326,7 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
   const Rigid3 rig_from_world[3] = {Rigid3{}, geometry.rig1_from_rig0, geometry.rig2_from_rig0};
   for (int v = 0; v < 3; ++v) {
     map.keyframes.emplace_back();
-    map.keyframes[v].frame = views_[views[v]]->frame;
+    map.keyframes[v].frame = views_[views[v]].frame;
     map.keyframes[v].rig_from_world = rig_from_world[v];
   }
   if (!geometry.scale_known) {
@@ -234,8 +338,10 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
     const Match& m = matches[i];
     if (!geometry.inlier[i]) continue;
     const int track = static_cast<int>(map.tracks.size());
-    map.tracks.push_back({geometry.points_in_rig0[i], true, {}, {}});
-    map.tracks.back().rgb = views_[first_]->cameras[m.camera].rgb[m.corner];
+    Track& started = map.tracks.emplace_back();
+    started.position = geometry.points_in_rig0[i];
+    started.triangulated = started.had_position = true;
+    started.rgb = views_[first_].view->cameras[m.camera].rgb[m.corner];
     match_of_track.push_back(m);
     for (int v = 0; v < 3; ++v) {
       TrackPixel seen = m.seen[v];
@@ -249,8 +355,8 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
     }
   }
   for (int v = 0; v < 3; ++v)
-    start.views.push_back(make_keyframe_view(views_[views[v]], map.keyframes[v], rig_));
-  refine_pixels({views_[views[0]], views_[views[1]], views_[views[2]]}, &start);
+    start.views.push_back(make_keyframe_view(views_[views[v]].view, map.keyframes[v], rig_));
+  refine_pixels({views_[views[0]].view, views_[views[1]].view, views_[views[2]].view}, &start);
   mapper.adjust_globally(&map);
   const int points = static_cast<int>(
       std::count_if(map.tracks.begin(), map.tracks.end(), [](const Track& t) { return t.triangulated; }));
@@ -268,15 +374,21 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
 }
 
 void Starter::collect_seen(const std::vector<Match>& match_of_track, Start* start) const {
+  std::vector<std::vector<int>> track_of_corner;
+  for (const PairTracker& tracker : from_first_)
+    track_of_corner.emplace_back(tracker.base().features.size(), -1);
+  for (size_t t = 0; t < match_of_track.size(); ++t) {
+    const Match& m = match_of_track[t];
+    if (start->map.tracks[t].triangulated) track_of_corner[m.camera][m.corner] = static_cast<int>(t);
+  }
   for (int k = 0; k < from_first_[0].views(); ++k) {
+    const WaitingView& view = views_[first_ + 1 + k];
+    const std::vector<SeenCorner> corners =
+        view.view ? seen_corners(k, std::numeric_limits<int>::max()) : std::vector<SeenCorner>();
     std::vector<TrackPixel>& seen = start->seen.emplace_back();
-    for (size_t t = 0; t < match_of_track.size(); ++t) {
-      const Match& m = match_of_track[t];
-      const int feature = start->map.tracks[t].triangulated ? from_first_[m.camera].matches(k)[m.corner] : -1;
-      if (feature < 0) continue;
-      const CameraView& view = views_[first_ + 1 + k]->cameras[m.camera];
-      seen.push_back({static_cast<int>(t), static_cast<uint8_t>(m.camera), view.features.octaves[feature],
-                      view.features.pixels[feature]});
+    for (const SeenCorner& s : view.seen ? *view.seen : corners) {
+      const int track = track_of_corner[s.camera][s.corner];
+      if (track >= 0) seen.push_back({track, s.camera, s.octave, s.pixel});
     }
   }
 }
@@ -286,7 +398,7 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   Map& map = start->map;
   std::vector<KeyFrameView> completed;
   for (int v = 0; v < 3; ++v) {
-    const ViewPtr& view = views_[views[v]];
+    const ViewPtr& view = views_[views[v]].view;
     if (v > 0) {
       mapper.follow_tracks(v - 1, v, *view, &map, completed);
       mapper.triangulate_tracks(v, &map);

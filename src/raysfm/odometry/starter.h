@@ -26,14 +26,30 @@ struct Start {
   std::vector<std::vector<TrackPixel>> seen;
 };
 
+// A corner of the first view of an attempt, seen in a later one.
+struct SeenCorner {
+  int corner = 0;
+  uint8_t camera = 0, octave = 0;
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+};
+
+// A view that waits for a start. Where too many wait, its images are released, and what it saw of some
+// corners stands for it; views in which nothing moves share that.
+struct WaitingView {
+  int frame = 0;
+  ViewPtr view;                                         // null once released
+  std::shared_ptr<const std::vector<SeenCorner>> seen;  // once released; null for views before the first
+};
+
 // Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
 // it chose do not do, it says why and goes on with later ones.
 class Starter {
  public:
   Starter(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
-  // Every view of the attempt so far, oldest first; those before the first key frame of a start included.
-  const std::vector<ViewPtr>& views() const { return views_; }
+  // Every view of the attempt so far, oldest first; those before the first key frame of a start included. The
+  // memory that they take does not grow with their number.
+  const std::vector<WaitingView>& views() const { return views_; }
 
   // Takes the next view. A start, or nothing yet.
   std::optional<Start> push(ViewPtr view, Mapper& mapper);
@@ -47,7 +63,12 @@ class Starter {
   int attempts() const { return attempts_; }
 
  private:
-  bool is_worth_a_try(int current) const;
+  bool is_worth_a_try(int current);
+  int kept_near(int view) const;
+  int sharpest_until(int view, int after) const;
+  void release_views();
+  void release(int view);
+  bool shows_the_same(const std::vector<SeenCorner>& seen, int k) const;
   std::optional<Start> step(Mapper& mapper);
   std::optional<Start> attempt(int second, int third, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
@@ -64,6 +85,7 @@ class Starter {
   std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,
                              const GenericStart& geometry, Mapper& mapper);
   void collect_seen(const std::vector<Match>& match_of_track, Start* start) const;
+  std::vector<SeenCorner> seen_corners(int k, int most) const;
   void add_points(const std::array<int, 3>& views, Start* start, Mapper& mapper);
   void refine_pixels(const std::array<ViewPtr, 3>& views, Start* start);
   void restart(int first);
@@ -76,11 +98,13 @@ class Starter {
   const OdometryOptions& options_;
   GuidedMatcher matcher_;
   AcrossMatcher across_;
-  std::vector<ViewPtr> views_;
-  int first_ = 0;                                      // index of I1 in views_
-  int second_ = -1;                                    // index of I2, -1 while not chosen
-  int next_ = 0;                                       // first view that the trackers have not seen
-  std::vector<PairTracker> from_first_, from_second_;  // one for each camera
+  std::vector<WaitingView> views_;
+  std::shared_ptr<const std::vector<SeenCorner>> last_seen_;  // of the view released last
+  float tried_at_ = 0;                                        // displacement at the last try, pixels
+  int first_ = 0;                                             // index of I1 in views_
+  int second_ = -1;                                           // index of I2, -1 while not chosen
+  int next_ = 0;                                              // first view that the trackers have not seen
+  std::vector<PairTracker> from_first_, from_second_;         // one for each camera
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;

@@ -21,6 +21,7 @@ struct TrackObservation {
 struct Track {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world; meaningless until triangulated
   bool triangulated = false;
+  bool had_position = false;  // frames may refer to it even where it has none now
   std::array<uint8_t, 3> rgb = {128, 128, 128};
   std::vector<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
 };
@@ -51,6 +52,7 @@ struct MapKeyFrame {
 struct Map {
   std::vector<MapKeyFrame> keyframes;  // in time order
   std::vector<Track> tracks;
+  std::vector<int> free_tracks;  // indices of tracks that were given up
   // Standard deviation of the logarithm of the scale, by which the map is in the unit of the rig's
   // calibration; infinite where nothing tells it.
   double scale_sigma = std::numeric_limits<double>::infinity();
@@ -59,6 +61,21 @@ struct Map {
   int guessed_keyframe = -1;
   double guessed_distance = 0;
   double rescaled = 1;  // factor between the map as it was started and as it is
+
+  // Index of a track without observations.
+  int new_track() {
+    if (free_tracks.empty()) {
+      tracks.emplace_back();
+      return static_cast<int>(tracks.size()) - 1;
+    }
+    const int track = free_tracks.back();
+    free_tracks.pop_back();
+    return track;
+  }
+  void free_track(int track) {
+    tracks[track] = {};
+    free_tracks.push_back(track);
+  }
 
   void observe(int track, int keyframe, int feature) {
     tracks[track].observations.push_back({keyframe, feature});

@@ -1,0 +1,76 @@
+#include "raysfm/odometry/dead_features.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace raysfm {
+namespace {
+
+// Whether a feature may still be matched, or is part of the map.
+bool is_alive(const Map& map, int keyframe, int track) {
+  if (track < 0) return false;
+  const Track& t = map.tracks[track];
+  return t.triangulated || t.observations.back().keyframe > keyframe;
+}
+
+// Moves elements kept[i] to i and drops the rest, of the memory too. Empty ones stay empty.
+template <typename T>
+void keep(const std::vector<int>& kept, std::vector<T>* values) {
+  if (values->empty()) return;
+  std::vector<T> fewer;
+  fewer.reserve(kept.size());
+  for (const int i : kept) fewer.push_back((*values)[i]);
+  *values = std::move(fewer);
+}
+
+void keep(const std::vector<int>& kept, PatchSet* patches) {
+  PatchSet fewer;
+  fewer.resize(static_cast<int>(kept.size()));
+  for (size_t i = 0; i < kept.size(); ++i) copy_patch(*patches, kept[i], static_cast<int>(i), &fewer);
+  *patches = std::move(fewer);
+}
+
+// Without the feature, the track sees nothing there.
+void give_up(int keyframe, int feature, Map* map) {
+  const int track = map->keyframes[keyframe].tracks[feature];
+  if (track < 0) return;
+  Track& t = map->tracks[track];
+  if (t.had_position) {
+    std::erase_if(t.observations, [&](const TrackObservation& o) { return o.keyframe == keyframe; });
+    return;
+  }
+  for (const TrackObservation& o : t.observations) map->keyframes[o.keyframe].tracks[o.feature] = -1;
+  map->free_track(track);
+}
+
+}  // namespace
+
+void drop_dead_features(int keyframe, Map* map, KeyFrameView* view) {
+  MapKeyFrame& k = map->keyframes[keyframe];
+  std::vector<int> kept;
+  for (int f = 0; f < k.size(); ++f) {
+    if (is_alive(*map, keyframe, k.tracks[f])) {
+      for (TrackObservation& o : map->tracks[k.tracks[f]].observations) {
+        if (o.keyframe == keyframe && o.feature == f) o.feature = static_cast<int>(kept.size());
+      }
+      kept.push_back(f);
+    } else {
+      give_up(keyframe, f, map);
+    }
+  }
+  keep(kept, &k.cameras);
+  keep(kept, &k.pixels);
+  keep(kept, &k.octaves);
+  keep(kept, &k.tracks);
+  keep(kept, &k.inliers);
+  keep(kept, &k.rays);
+  keep(kept, &view->cameras);
+  keep(kept, &view->pixels);
+  keep(kept, &view->octaves);
+  keep(kept, &view->origins);
+  keep(kept, &view->directions);
+  keep(kept, &view->ray_jacobians);
+  keep(kept, &view->patches);
+}
+
+}  // namespace raysfm
