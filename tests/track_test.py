@@ -472,6 +472,30 @@ cameras:
         self.assertEqual(report["frames"]["posed"], 24)
         self.assertLess(error["ate"]["mean"], 0.01 * error["length_m"])
 
+    def test_a_damaged_image_of_one_stream_is_a_frame_without_pose(self):
+        stereo = self.render(self.rig("rig.yaml"), "stereo")
+        self.file("stereo/cam1/000010.png", "damaged")
+        done = run("track", stereo, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("1 of 24 frames cannot be used", done.stderr)
+        frames = json.loads((self.out / "report.json").read_text())["frames"]
+        self.assertEqual((frames["total"], frames["posed"]), (24, 23))
+        self.assertIn("cam1/000010.png", frames["without_pose"][0]["reason"])
+
+    def test_videos_half_a_frame_apart_belong_together(self):
+        """The same instants; the clock of the second camera is half a frame ahead."""
+        stereo = self.render(self.rig("rig.yaml"), "stereo")
+        for cam, ahead in (("cam0", 0), ("cam1", 0.5 / 15)):
+            subprocess.run(["ffmpeg", "-loglevel", "error", "-framerate", "15", "-i", stereo / cam / "%06d.png", "-c:v",
+                            "libx264", "-crf", "12", "-bf", "0", "-output_ts_offset", str(ahead), self.folder / f"{cam}.mkv"],
+                           check=True)
+        done = run("track", self.folder / "cam0.mkv", self.folder / "cam1.mkv", "--camera", stereo / "camera.yaml",
+                   "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("not synchronised", done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["frames"]["posed"], report["scale"]), (24, "metric"))
+
     def test_poses_in_the_opposite_direction_are_noticed(self):
         stereo = self.render(self.rig("rig.yaml"), "stereo")
         self.refused("track", stereo, "--camera", self.rig("wrong.yaml", x=-0.4), "--out", self.out, "--quiet",
