@@ -166,6 +166,53 @@ class Success(TrackTest):
                 self.assertEqual(path.read_bytes(), (sequence / path.relative_to(STREET)).read_bytes(), path)
         self.assertEqual(self.track(sequence, out=sequence).returncode, 0)
 
+    def test_images_that_cannot_be_used(self):
+        """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""
+        sequence = self.folder / "sequence"
+        shutil.copytree(STREET, sequence)
+        whole = (sequence / "images/000030.png").read_bytes()
+        (sequence / "images/000030.png").write_bytes(whole[:len(whole) // 2])
+        (sequence / "images/000000.png").write_bytes(b"")
+        shutil.copy(self.image("small.pgm"), sequence / "images/000045.png")
+        for threads in (1, 2, 4):
+            out = self.folder / str(threads)
+            done = run("track", sequence, "--threads", threads, "--out", out)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertEqual(done.stderr.count("3 of 60 frames cannot be used"), 1, done.stderr)
+            frames = self.complete(out)["frames"]
+            self.assertEqual((frames["total"], frames["posed"]), (60, 57))
+            missing = {frame["index"]: frame["reason"] for frame in frames["without_pose"]}
+            self.assertEqual(set(missing), {0, 30, 45})
+            for index, reason in missing.items():
+                self.assertIn(f"{index:06}.png", reason)
+            self.assertIn("64 x 48 pixels; allowed: the 512 x 384", missing[45])
+        for name in set(OUTPUT) - {"report.json", "config.yaml"}:
+            content = [(self.folder / str(threads) / name).read_bytes() for threads in (1, 2, 4)]
+            self.assertEqual(content[0], content[1], name)
+            self.assertEqual(content[0], content[2], name)
+        self.assertLess(self.error(out), 0.01 * 9.4)
+
+    def test_nothing_is_loaded_that_is_not_needed(self):
+        def loaded(*arguments):
+            done = subprocess.run([program.PROGRAM, *map(str, arguments)], env={**os.environ, "LD_DEBUG": "files"},
+                                  stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=True)
+            return [name for name in ("opencv", "libav") if name in done.stderr]
+        camera = ["--camera", STREET / "camera.yaml", "--out", self.out, "--quiet"]
+        self.assertEqual(loaded("--version"), [])
+        self.assertEqual(loaded("track", STREET, *camera), [])
+        self.assertIn("libav", loaded("track", self.video("street.mkv"), *camera))
+
+    def test_modules_that_are_missing_are_named(self):
+        alone = self.folder / "raysfm"
+        shutil.copy(program.PROGRAM, alone)
+        done = subprocess.run([alone, "track", self.video("street.mkv"), "--camera", STREET / "camera.yaml", "--out",
+                               self.out], stderr=subprocess.PIPE, text=True)
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn("raysfm-video.so", done.stderr)
+        done = subprocess.run([alone, "track", STREET, "--out", self.out, "--quiet"])
+        self.assertEqual(done.returncode, 0)
+
     def test_truncated_video(self):
         video = self.video("street.mkv")
         video.write_bytes(video.read_bytes()[:video.stat().st_size * 6 // 10])
@@ -341,7 +388,7 @@ class NoReconstruction(TrackTest):
 
     def test_black(self):
         black = self.images("black", 5, level=lambda x, y: 0)
-        self.fails(black, "too few corners", 5, camera=self.camera)
+        self.fails(black, "too few corners: 0, at least 20 are needed; the picture is nearly black", 5, camera=self.camera)
 
     def test_one_frame(self):
         (self.folder / "one").mkdir()
@@ -424,6 +471,30 @@ cameras:
         self.assertEqual((report["camera_class"], report["scale"]), ("axial", "metric"))
         self.assertEqual(report["frames"]["posed"], 24)
         self.assertLess(error["ate"]["mean"], 0.01 * error["length_m"])
+
+    def test_a_damaged_image_of_one_stream_is_a_frame_without_pose(self):
+        stereo = self.render(self.rig("rig.yaml"), "stereo")
+        self.file("stereo/cam1/000010.png", "damaged")
+        done = run("track", stereo, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("1 of 24 frames cannot be used", done.stderr)
+        frames = json.loads((self.out / "report.json").read_text())["frames"]
+        self.assertEqual((frames["total"], frames["posed"]), (24, 23))
+        self.assertIn("cam1/000010.png", frames["without_pose"][0]["reason"])
+
+    def test_videos_half_a_frame_apart_belong_together(self):
+        """The same instants; the clock of the second camera is half a frame ahead."""
+        stereo = self.render(self.rig("rig.yaml"), "stereo")
+        for cam, ahead in (("cam0", 0), ("cam1", 0.5 / 15)):
+            subprocess.run(["ffmpeg", "-loglevel", "error", "-framerate", "15", "-i", stereo / cam / "%06d.png", "-c:v",
+                            "libx264", "-crf", "12", "-bf", "0", "-output_ts_offset", str(ahead), self.folder / f"{cam}.mkv"],
+                           check=True)
+        done = run("track", self.folder / "cam0.mkv", self.folder / "cam1.mkv", "--camera", stereo / "camera.yaml",
+                   "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("not synchronised", done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["frames"]["posed"], report["scale"]), (24, "metric"))
 
     def test_poses_in_the_opposite_direction_are_noticed(self):
         stereo = self.render(self.rig("rig.yaml"), "stereo")

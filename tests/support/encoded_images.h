@@ -18,9 +18,9 @@ namespace raysfm::testing_support {
 struct PngRecipe {
   int width = 0, height = 0, depth = 8;
   int color_type = 0;                      // 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha
-  std::vector<uint8_t> bytes;              // rows without filters
+  std::vector<uint8_t> bytes = {};         // rows without filters
   std::vector<int> filters = {0};          // of the rows, over and over
-  std::string palette;                     // of PLTE
+  std::string palette = {};                // of PLTE
   size_t idat_bytes = SIZE_MAX;            // at most, of one chunk
   void (*damage)(std::string*) = nullptr;  // done to the rows before they are packed
 };
@@ -38,7 +38,7 @@ inline std::string png_chunk(const std::string& type, const std::string& data) {
 }
 
 inline std::string zlib_packed(const std::string& bytes) {
-  libdeflate_compressor* compressor = libdeflate_alloc_compressor(6);
+  libdeflate_compressor* compressor = libdeflate_alloc_compressor(1);
   std::string packed(libdeflate_zlib_compress_bound(compressor, bytes.size()), '\0');
   packed.resize(
       libdeflate_zlib_compress(compressor, bytes.data(), bytes.size(), packed.data(), packed.size()));
@@ -85,8 +85,8 @@ inline std::string png_file(const PngRecipe& recipe) {
 struct JpegRecipe {
   int width = 0, height = 0;
   J_COLOR_SPACE given = JCS_RGB, stored = JCS_YCbCr;
-  std::vector<uint8_t> values;  // as many for each pixel as `given` has
-  int luma_h = 1, luma_v = 1;   // sampling factors; those of the other components are 1
+  std::vector<uint8_t> values = {};  // as many for each pixel as `given` has
+  int luma_h = 1, luma_v = 1;        // sampling factors; those of the other components are 1
   bool progressive = false;
   int quality = 90;
 };

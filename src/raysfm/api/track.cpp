@@ -114,8 +114,12 @@ Result<void> choose_methods(TrackSettings* settings) {
 // What the images of a frame show.
 struct Sight {
   int corners = 0;
+  int brightest = 255;  // level of a pixel; told only where there are few corners
   std::string defect;
 };
+
+// Levels up to this are nearly black. Twelve bits in a file of sixteen end at 15.
+constexpr int kBlack = 15;
 
 // Where nothing can be seen, that is the reason, and not what came of it later.
 void explain_blind_frames(const std::vector<Sight>& sights, Reconstruction* reconstruction) {
@@ -123,6 +127,9 @@ void explain_blind_frames(const std::vector<Sight>& sights, Reconstruction* reco
     PosedFrame& frame = reconstruction->frames[i];
     if (frame.world_from_rig || !sights[i].defect.empty() || sights[i].corners >= kMinCorners) continue;
     frame.reason = fmt::format("too few corners: {}, at least {} are needed", sights[i].corners, kMinCorners);
+    if (sights[i].brightest > kBlack) continue;
+    frame.reason +=
+        fmt::format("; the picture is nearly black, its brightest pixel is {} of 255", sights[i].brightest);
   }
 }
 
@@ -159,9 +166,21 @@ std::string camera_source(const TrackSettings& settings, const Input& input) {
   return input.calibration_file ? input.calibration_file->string() : settings.inputs[0];
 }
 
+int brightest(const View& view) {
+  int level = 0;
+  for (const CameraView& camera : view.cameras) {
+    const GrayView image = camera.octaves->at(camera.octaves->first());
+    for (int y = 0; y < image.height; ++y) {
+      level = std::max<int>(level, *std::max_element(image.row(y), image.row(y) + image.width));
+    }
+  }
+  return level;
+}
+
 Sight sight_of(const View& view) {
-  Sight sight{0, view.defect};
+  Sight sight{.defect = view.defect};
   for (const CameraView& camera : view.cameras) sight.corners += camera.features.size();
+  if (sight.corners < kMinCorners && sight.defect.empty()) sight.brightest = brightest(view);
   return sight;
 }
 

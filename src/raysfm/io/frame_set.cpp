@@ -9,6 +9,9 @@
 namespace raysfm {
 namespace {
 
+// A frame is nearer than another where its distance is less than this part of the other's: streams half a
+// frame apart must not change partners because their timestamps are rounded.
+constexpr double kNearer = 0.8;
 // Cameras that trigger each other are much nearer; of a frame interval.
 constexpr double kInStep = 0.25;
 
@@ -35,7 +38,7 @@ Result<void> FrameSetReader::advance(Ahead* stream) {
 
 // Leaves out frames that are farther from the timestamp than the one after.
 Result<void> FrameSetReader::go_to(double timestamp, Ahead* stream) {
-  while (!stream->now || distance(stream->later, timestamp) < distance(stream->now, timestamp)) {
+  while (!stream->now || distance(stream->later, timestamp) < kNearer * distance(stream->now, timestamp)) {
     if (auto r = advance(stream); !r) return r;
     if (!stream->now) return {};
   }
@@ -46,7 +49,8 @@ Result<void> FrameSetReader::go_to(double timestamp, Ahead* stream) {
 bool FrameSetReader::together(const Ahead& stream) const {
   const Ahead& first = streams_.front();
   const double apart = distance(stream.now, first.now->timestamp);
-  return apart <= distance(first.later, stream.now->timestamp) && (interval_ == 0 || apart < interval_);
+  return kNearer * apart <= distance(first.later, stream.now->timestamp) &&
+         (interval_ == 0 || apart < interval_);
 }
 
 // Reads what next() needs. True where a stream has no frame any more.

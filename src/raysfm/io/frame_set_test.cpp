@@ -90,6 +90,9 @@ TEST(FrameSet, FramesNearestInTimeBelongTogether) {
   // Half a frame apart.
   EXPECT_EQ(partners({0, 1, 2, 3}, {0.5, 1.5, 2.5, 3.5}, &note), (Times{0.5, 1.5, 2.5, 3.5}));
   EXPECT_NE(note.find("not synchronised, frames are up to 0.5 s apart"), std::string::npos) << note;
+  // Half a frame apart, in milliseconds.
+  EXPECT_EQ(partners({0, 67, 133, 200, 267, 333}, {33, 100, 167, 233, 300, 367}, &note),
+            (Times{33, 100, 167, 233, 300, 367}));
   // One started later, or earlier.
   EXPECT_EQ(partners({0, 1, 2, 3, 4}, {2.1, 3.1, 4.1}, &note), (Times{-1, -1, 2.1, 3.1, 4.1}));
   EXPECT_NE(note.find("2 of 5 frames cannot be used"), std::string::npos) << note;

@@ -84,7 +84,7 @@ TEST(ImageFuzz, DamagedJpeg) {
                              .given = JCS_GRAYSCALE,
                              .stored = JCS_GRAYSCALE,
                              .values = noise(20 * 30, random)}));
-  damage_and_read(files, 6000, 2);
+  damage_and_read(files, 2000, 2);
 }
 
 TEST(ImageFuzz, DamagedPng) {
@@ -97,7 +97,7 @@ TEST(ImageFuzz, DamagedPng) {
                               .bytes = noise(17 * 9 * bytes, random),
                               .filters = {4, 3, 1, 2, 0}}));
   }
-  damage_and_read(files, 2000, 4);
+  damage_and_read(files, 1000, 4);
 }
 
 // Checksums are right, what they cover is not.
@@ -105,7 +105,7 @@ TEST(ImageFuzz, PngOfDamagedRows) {
   const TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "fuzz.png";
   static Rng random(5);
-  for (int i = 0; i < 3000; ++i) {
+  for (int i = 0; i < 1000; ++i) {
     PngRecipe recipe{.width = 9, .height = 7, .color_type = i % 2 ? 2 : 0, .filters = {4, 3, 7, 1}};
     recipe.bytes = noise(9 * 7 * 3, random);
     recipe.damage = [](std::string* rows) { *rows = damaged(*rows, kPieces, random); };

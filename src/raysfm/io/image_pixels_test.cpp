@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "raysfm/core/random.h"
 #include "raysfm/io/image_file.h"
@@ -92,7 +93,7 @@ TEST(Jpeg, GreyRgbAndCmykAreReadToo) {
                                         .values = soft_values(width, height, space == JCS_RGB ? 3 : 4)});
     const Result<DecodedImage> colours = decode_jpeg(file);
     ASSERT_TRUE(colours) << colours.error().message;
-    expect_colours(*colours, opencv(file, cv::IMREAD_COLOR), 1);
+    expect_colours(*colours, opencv(file, cv::IMREAD_COLOR), 2);
   }
 }
 
@@ -117,6 +118,19 @@ TEST(Jpeg, WhatTheDecoderOnlySuspectsIsToldFromDamage) {
   short_scan.erase(file.size() * 2 / 3, file.size() / 3 - 2);
   EXPECT_FALSE(decode_jpeg(short_scan));
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST(Jpeg, SizesThatTheFileCannotHoldAreRefusedBeforeRoomIsMade) {
+  std::string file = jpeg_file({.width = 64, .height = 48, .values = soft_values(64, 48, 3)});
+  const size_t frame = file.find("\xff\xc0") + 5;  // height and width, two bytes each
+  file.replace(frame, 4, std::string("\x40\0\x40\0", 4));
+  Result<DecodedImage> image = decode_jpeg(file);
+  ASSERT_FALSE(image);
+  EXPECT_NE(image.error().message.find("damaged"), std::string::npos);
+  file.replace(frame, 4, "\xff\x01\xff\x01");
+  image = decode_jpeg(file);
+  ASSERT_FALSE(image);
+  EXPECT_NE(image.error().message.find("65281 x 65281 pixels; allowed"), std::string::npos);
 }
 
 // Every filter, type and depth; the chunks of pixels in pieces.
@@ -152,8 +166,11 @@ TEST(Png, ValuesAreThoseEncoded) {
           ASSERT_NEAR(grey, 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2], 0.51);
         }
       }
-      if (depth == 8)
-        EXPECT_TRUE(channels == 2 || same_pixels(image->gray, opencv(file, cv::IMREAD_GRAYSCALE)));
+      if (depth != 8 || channels == 2) continue;
+      cv::Mat expected = opencv(file, cv::IMREAD_UNCHANGED);
+      if (channels > 2)
+        cv::cvtColor(expected, expected, channels == 3 ? cv::COLOR_BGR2GRAY : cv::COLOR_BGRA2GRAY);
+      EXPECT_TRUE(same_pixels(image->gray, expected)) << type;
     }
   }
 }

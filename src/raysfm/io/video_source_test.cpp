@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "raysfm/io/image_file.h"
+#include "support/encoded_images.h"
 #include "support/shared_data.h"
 #include "support/temporary_folder.h"
 #include "support/video_file.h"
@@ -18,6 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace testing_support;
+
+[[maybe_unused]] const bool silent = (silence_ffmpeg(), true);
 
 uint8_t luma_of(int frame, int x, int y) {
   return static_cast<uint8_t>(7 * frame + 8 * x + 3 * y);
@@ -40,9 +43,9 @@ struct Reading {
   int count = 0;
 };
 
-Reading read_video(const fs::path& path, double fps = 0) {
+Reading read_video(const fs::path& path, double fps = 0, int threads = 0) {
   Reading reading;
-  Result<std::unique_ptr<FrameSource>> source = open_video(path.string(), {.fps = fps});
+  Result<std::unique_ptr<FrameSource>> source = open_video(path.string(), {.fps = fps, .threads = threads});
   if (!source) {
     EXPECT_EQ(source.error().kind, ErrorKind::kBadInput);
     EXPECT_EQ(source.error().message.find('\n'), std::string::npos);
@@ -178,6 +181,62 @@ TEST(VideoSource, ACutVideoGivesTheFramesThatAreThereAndSaysSo) {
   EXPECT_NE(cut.note.find("cut short"), std::string::npos) << cut.note;
   for (size_t i = 0; i < cut.frames.size(); ++i) {
     ASSERT_EQ(std::memcmp(cut.frames[i].gray.row(9), whole.frames[i].gray.row(9), 32), 0) << i;
+  }
+}
+
+// JPEG files one behind the other are a video.
+std::string jpeg_frame(int index, int width) {
+  return jpeg_file(
+      {.width = width,
+       .height = 48,
+       .given = JCS_GRAYSCALE,
+       .stored = JCS_GRAYSCALE,
+       .values = std::vector<uint8_t>(static_cast<size_t>(width) * 48, static_cast<uint8_t>(20 * index))});
+}
+
+TEST(VideoSource, FramesOfAnotherSizeAreDefects) {
+  const TemporaryFolder folder;
+  std::string bytes;
+  for (int i = 0; i < 8; ++i) bytes += jpeg_frame(i, i == 3 || i == 4 ? 80 : 64);
+  const Reading video = read_video(folder.file("v.mjpeg", bytes));
+  EXPECT_EQ(video.error, "");
+  ASSERT_EQ(video.frames.size(), 8u);
+  for (int i = 0; i < 8; ++i) {
+    const InputFrame& frame = video.frames[i];
+    EXPECT_EQ(frame.index, i);
+    EXPECT_NEAR(frame.timestamp, i / 25.0, 1e-9);
+    if (i == 3 || i == 4) {
+      EXPECT_NE(frame.defect.find("80 x 48 pixels; allowed: the 64 x 48"), std::string::npos) << frame.defect;
+    } else {
+      EXPECT_EQ(frame.defect, "");
+      EXPECT_NEAR(frame.gray.row(20)[30], 20 * i, 2);
+    }
+  }
+}
+
+// What the decoder does not give back has its place all the same.
+TEST(VideoSource, FramesThatDoNotDecodeAreDefectsInTheirPlaces) {
+  const TemporaryFolder folder;
+  for (const int threads : {1, 4}) {
+    std::string bytes;
+    for (int i = 0; i < 9; ++i) {
+      std::string frame = jpeg_frame(i, 64);
+      // Tables and sizes are gone.
+      if (i == 2 || i == 5 || i == 6) std::fill(frame.begin() + 20, frame.end() - 2, '\0');
+      bytes += frame;
+    }
+    const Reading video = read_video(folder.file("v.mjpeg", bytes), 0, threads);
+    EXPECT_EQ(video.error, "");
+    ASSERT_EQ(video.frames.size(), 9u) << threads << " " << video.note;
+    for (int i = 0; i < 9; ++i) {
+      const InputFrame& frame = video.frames[i];
+      EXPECT_EQ(frame.index, i);
+      EXPECT_NEAR(frame.timestamp, i / 25.0, 1e-9);
+      const bool damaged = i == 2 || i == 5 || i == 6;
+      EXPECT_EQ(frame.defect.empty(), !damaged) << i << " " << frame.defect;
+      if (damaged) continue;
+      EXPECT_NEAR(frame.gray.row(20)[30], 20 * i, 2);
+    }
   }
 }
 
