@@ -27,7 +27,7 @@ constexpr int kMinDeviation = 2;
 const hn::CappedTag<int16_t, 32> kShorts;
 
 // Exact, so the order of the sum does not matter.
-int32_t dot(const int16_t* HWY_RESTRICT a, const int16_t* HWY_RESTRICT b) {
+HWY_INLINE int32_t dot(const int16_t* HWY_RESTRICT a, const int16_t* HWY_RESTRICT b) {
 #if HWY_TARGET == HWY_SCALAR
   int32_t sum = 0;
   for (int i = 0; i < kPatchStride; ++i) sum += a[i] * b[i];
