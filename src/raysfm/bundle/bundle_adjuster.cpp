@@ -82,10 +82,11 @@ BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, con
 
 int update_inliers(const BundleProblem& problem, double inlier_threshold) {
   int inliers = 0;
+  const ProblemResiduals residuals(problem);
   const size_t count = std::min(problem.observations.size(), problem.is_inlier.size());
   for (size_t i = 0; i < count; ++i) {
     Eigen::Vector2d residual;
-    const bool fits = residual_of(problem, static_cast<int>(i), &residual) &&
+    const bool fits = residuals(static_cast<int>(i), &residual) &&
                       residual.squaredNorm() <= inlier_threshold * inlier_threshold;
     problem.is_inlier[i] = fits;
     inliers += fits;

@@ -7,10 +7,11 @@ namespace raysfm {
 
 ProblemCost problem_cost(const BundleProblem& problem, const RobustLoss& loss) {
   ProblemCost result;
+  const ProblemResiduals residuals(problem);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     if (!problem.is_inlier.empty() && !problem.is_inlier[i]) continue;
     Eigen::Vector2d residual;
-    if (residual_of(problem, static_cast<int>(i), &residual)) {
+    if (residuals(static_cast<int>(i), &residual)) {
       result.cost += 0.5 * loss.cost(residual.squaredNorm());
       ++result.used;
     } else {

@@ -13,15 +13,24 @@ bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, con
 
 namespace {
 
-bool plain_residual(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
-                    const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual) {
+// The camera whose frame a residual is measured in: that of the rig (null) for rays and lenses.
+const Camera* camera_of(const BundleProblem& problem, int camera) {
+  return problem.rays.empty() && problem.lenses.empty() ? &problem.cameras[camera] : nullptr;
+}
+
+// Of a point in the frame of camera_of().
+bool residual_in_frame(const BundleProblem& problem, int observation, const BalLens& lens,
+                       const Eigen::Vector3d& x, Eigen::Vector2d* residual) {
   const BundleObservation& o = problem.observations[observation];
-  const Eigen::Vector3d x_in_rig = rig_from_world * point;
-  if (!problem.rays.empty()) return problem.rays[observation].residual(x_in_rig, residual);
-  if (!problem.lenses.empty()) return lens_residual(lens, x_in_rig, o.pixel, residual);
-  const Camera& camera = problem.cameras[o.camera];
-  if (!camera.project(camera.rig_from_cam.inverse() * x_in_rig, residual)) return false;
-  *residual -= o.pixel;
+  if (!problem.rays.empty()) {
+    if (!problem.rays[observation].residual(x, residual)) return false;
+  } else if (!problem.lenses.empty()) {
+    if (!lens_residual(lens, x, o.pixel, residual)) return false;
+  } else {
+    if (!problem.cameras[o.camera].project(x, residual)) return false;
+    *residual -= o.pixel;
+  }
+  if (!problem.sigmas.empty()) *residual /= problem.sigmas[observation];
   return residual->allFinite();
 }
 
@@ -29,9 +38,10 @@ bool plain_residual(const BundleProblem& problem, int observation, const Rigid3&
 
 bool residual_of(const BundleProblem& problem, int observation, const Rigid3& rig_from_world,
                  const BalLens& lens, const Eigen::Vector3d& point, Eigen::Vector2d* residual) {
-  if (!plain_residual(problem, observation, rig_from_world, lens, point, residual)) return false;
-  if (!problem.sigmas.empty()) *residual /= problem.sigmas[observation];
-  return true;
+  const Camera* camera = camera_of(problem, problem.observations[observation].camera);
+  const Eigen::Vector3d x_in_rig = rig_from_world * point;
+  return residual_in_frame(problem, observation, lens,
+                           camera ? camera->rig_from_cam.inverse() * x_in_rig : x_in_rig, residual);
 }
 
 bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d* residual) {
@@ -39,6 +49,27 @@ bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d*
   const BalLens lens = problem.lenses.empty() ? BalLens{} : problem.lenses[o.pose];
   return residual_of(problem, observation, problem.rig_from_world[o.pose], lens, problem.points[o.point],
                      residual);
+}
+
+ProblemResiduals::ProblemResiduals(const BundleProblem& problem) : problem_(problem) {
+  const bool in_cameras = problem.rays.empty() && problem.lenses.empty();
+  cameras_ = in_cameras ? problem.cameras.size() : 1;
+  frames_.reserve(cameras_ * problem.rig_from_world.size());
+  for (const Rigid3& rig_from_world : problem.rig_from_world) {
+    for (size_t c = 0; c < cameras_; ++c) {
+      const Rigid3 frame_from_world =
+          in_cameras ? problem.cameras[c].rig_from_cam.inverse() * rig_from_world : rig_from_world;
+      frames_.push_back({frame_from_world.rotation.toRotationMatrix(), frame_from_world.translation});
+    }
+  }
+}
+
+bool ProblemResiduals::operator()(int observation, Eigen::Vector2d* residual) const {
+  const BundleObservation& o = problem_.observations[observation];
+  const Frame& frame = frames_[o.pose * cameras_ + (cameras_ > 1 ? o.camera : 0)];
+  const BalLens lens = problem_.lenses.empty() ? BalLens{} : problem_.lenses[o.pose];
+  return residual_in_frame(problem_, observation, lens,
+                           frame.rotation * problem_.points[o.point] + frame.translation, residual);
 }
 
 }  // namespace raysfm

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <vector>
 
 #include "raysfm/bundle/bundle_problem.h"
 
@@ -15,6 +17,23 @@ bool residual_of(const BundleProblem& problem, int observation, const Rigid3& ri
 
 // With the problem's own.
 bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d* residual);
+
+// The same for many observations of a problem that stays as it is: what depends on poses and cameras alone is
+// worked out once.
+class ProblemResiduals {
+ public:
+  explicit ProblemResiduals(const BundleProblem& problem);
+  bool operator()(int observation, Eigen::Vector2d* residual) const;
+
+ private:
+  struct Frame {  // from the world
+    Eigen::Matrix3d rotation;
+    Eigen::Vector3d translation;
+  };
+  const BundleProblem& problem_;
+  size_t cameras_ = 1;         // frames of each pose
+  std::vector<Frame> frames_;  // by pose, then by camera
+};
 
 // Residual of a lens, alone.
 bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, const Eigen::Vector2d& pixel,

@@ -18,8 +18,8 @@ constexpr int kWindowRows = 5;  // rows of products that one row of response nee
 constexpr int kMaximaRows = 5;  // rows of response that one row of maxima needs
 
 // The image is worked on strip by strip, so that the rows that a stage looks at stay in the nearest cache.
-constexpr int kStripWidth = 256;
-constexpr int kStripMargin = 8;  // at least what a corner depends on to either side: kMinBorder
+constexpr int kStripWidth = 256;  // the fastest of 128, 256 and 640
+constexpr int kStripMargin = 8;   // at least what a corner depends on to either side: kMinBorder
 
 // Columns [begin, end) of an image, and [left, right) about them that are looked at.
 struct Strip {

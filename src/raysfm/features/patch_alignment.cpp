@@ -1,6 +1,5 @@
 #include "raysfm/features/patch_alignment.h"
 
-#include <hwy/cache_control.h>
 #include <algorithm>
 #include <cmath>
 
@@ -224,34 +223,13 @@ namespace raysfm {
 HWY_EXPORT(align_patch);
 
 namespace {
-
 constexpr int kAlignmentReach = 6;  // of the template, with its rim for the gradients
-
-// Patches of images seen long ago are not in the cache.
-void prefetch_patch(const GrayView& image, const Eigen::Vector2f& centre) {
-  constexpr float kReach = kAlignmentReach + 1;
-  const float left = centre.x() - kReach, top = centre.y() - kReach;
-  const bool inside = left >= 0 && top >= 0 && centre.x() + kReach < static_cast<float>(image.width) &&
-                      centre.y() + kReach < static_cast<float>(image.height);
-  if (!inside) return;
-  const uint8_t* row = image.row(static_cast<int>(top)) + static_cast<int>(left);
-  for (int r = 0; r <= 2 * static_cast<int>(kReach); ++r, row += image.stride) {
-    hwy::Prefetch(row);
-    hwy::Prefetch(row + 2 * static_cast<int>(kReach));
-  }
-}
-
 }  // namespace
 
 void PatchAligner::align(const GrayView& reference, std::span<const Eigen::Vector2f> reference_pixels,
                          std::span<const Eigen::Matrix2f> reference_from_target, const GrayView& target,
                          std::span<const Eigen::Vector2f> initial, std::span<PatchAlignment> out) const {
-  constexpr size_t kAhead = 2;  // patches
   for (size_t i = 0; i < out.size(); ++i) {
-    if (i + kAhead < out.size()) {
-      prefetch_patch(reference, reference_pixels[i + kAhead]);
-      prefetch_patch(target, initial[i + kAhead]);
-    }
     const auto window =
         affine_window(reference, reference_pixels[i], reference_from_target[i], kAlignmentReach);
     out[i] = window ? HWY_DYNAMIC_DISPATCH(align_patch)(reference, *window, target, initial[i], options_)

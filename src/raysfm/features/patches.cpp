@@ -24,32 +24,58 @@ constexpr int kLevels = kWeightSteps * kWeightSteps;
 // Standard deviation, grey levels, below which a patch counts as having no texture: the noise of a camera.
 constexpr int kMinDeviation = 2;
 
-// Takes the mean away, scales to bytes and returns the inverse norm of the bytes, zero without texture. Loops
-// over fixed lengths, in integers, that compilers turn into vectors of the instruction set.
-float normalise(int16_t* HWY_RESTRICT samples, int8_t* HWY_RESTRICT bytes) {
-  std::fill(samples + kPatchArea, samples + kPatchStride, int16_t{0});
-  int32_t sum = 0;
-  for (int i = 0; i < kPatchStride; ++i) sum += samples[i];
-  const auto mean = static_cast<int16_t>((2 * sum + kPatchArea) / (2 * kPatchArea));
-  for (int i = 0; i < kPatchStride; ++i) samples[i] = static_cast<int16_t>(samples[i] - mean);
-  std::fill(samples + kPatchArea, samples + kPatchStride, int16_t{0});
+const hn::CappedTag<int16_t, 32> kShorts;
 
-  int16_t greatest = 0;
-  for (int i = 0; i < kPatchStride; ++i) {
-    const auto magnitude = static_cast<int16_t>(samples[i] < 0 ? -samples[i] : samples[i]);
-    greatest = magnitude > greatest ? magnitude : greatest;
+// Exact, so the order of the sum does not matter.
+HWY_INLINE int32_t dot(const int16_t* HWY_RESTRICT a, const int16_t* HWY_RESTRICT b) {
+#if HWY_TARGET == HWY_SCALAR
+  int32_t sum = 0;
+  for (int i = 0; i < kPatchStride; ++i) sum += a[i] * b[i];
+  return sum;
+#else
+  const hn::RepartitionToWide<decltype(kShorts)> d32;
+  auto even = hn::Zero(d32), odd = hn::Zero(d32);
+  for (int i = 0; i < kPatchStride; i += static_cast<int>(hn::Lanes(kShorts))) {
+    even = hn::ReorderWidenMulAccumulate(d32, hn::Load(kShorts, a + i), hn::Load(kShorts, b + i), even, odd);
   }
+  return hn::GetLane(hn::SumOfLanes(d32, hn::Add(even, odd)));
+#endif
+}
+
+// One inside the patch, zero in its padding.
+struct InsidePatch {
+  constexpr InsidePatch() {
+    for (int i = 0; i < kPatchArea; ++i) value[i] = 1;
+  }
+  alignas(64) int16_t value[kPatchStride] = {};
+};
+static constexpr InsidePatch kInside;
+
+// Takes the mean away, scales to bytes and returns the inverse norm of the bytes, zero without texture.
+// `samples` is aligned to 64 bytes; what it holds behind the patch does not matter.
+float normalise(int16_t* HWY_RESTRICT samples, int8_t* HWY_RESTRICT bytes) {
+  const int lanes = static_cast<int>(hn::Lanes(kShorts));
+  const int32_t sum = dot(samples, kInside.value);
+  const auto mean = hn::Set(kShorts, static_cast<int16_t>((2 * sum + kPatchArea) / (2 * kPatchArea)));
+  auto most = hn::Zero(kShorts);
+  for (int i = 0; i < kPatchStride; i += lanes) {
+    const auto less_mean =
+        hn::Mul(hn::Sub(hn::Load(kShorts, samples + i), mean), hn::Load(kShorts, kInside.value + i));
+    hn::Store(less_mean, kShorts, samples + i);
+    most = hn::Max(most, hn::Abs(less_mean));
+  }
+  const int greatest = hn::GetLane(hn::MaxOfLanes(kShorts, most));
   // A patch with the least deviation has a sample that is at least as far from the mean, so the factor below
   // fits 16 bits.
   if (greatest < kMinDeviation * kLevels) return 0;
-  const int32_t factor = (127 * 32768 + greatest / 2) / greatest;
-
-  int32_t norm2 = 0;
-  for (int i = 0; i < kPatchStride; ++i) {
-    const int32_t scaled = (samples[i] * factor + (1 << 14)) >> 15;
-    bytes[i] = static_cast<int8_t>(scaled);
-    norm2 += scaled * scaled;
+  const auto factor = hn::Set(kShorts, static_cast<int16_t>((127 * 32768 + greatest / 2) / greatest));
+  const hn::Rebind<int8_t, decltype(kShorts)> d8;
+  for (int i = 0; i < kPatchStride; i += lanes) {
+    const auto scaled = hn::MulFixedPoint15(hn::Load(kShorts, samples + i), factor);
+    hn::Store(scaled, kShorts, samples + i);
+    hn::Store(hn::DemoteTo(d8, scaled), d8, bytes + i);
   }
+  const int32_t norm2 = dot(samples, samples);
   const float scale = 127.0f / static_cast<float>(greatest);
   const float least = static_cast<float>(kMinDeviation * kLevels) * scale;
   if (static_cast<float>(norm2) < kPatchArea * least * least) return 0;
