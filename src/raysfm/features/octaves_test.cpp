@@ -90,7 +90,9 @@ TEST(Octaves, OfAnySizeTakeAThirdMoreThanTheImage) {
       EXPECT_LE(3 * pixels, 4 * int64_t{width} * height);
       const GrayView coarsest = octaves.at(octaves.last());
       EXPECT_EQ(coarsest.width, width >> octaves.last());
-      if (octaves.last() > 0) EXPECT_GE(std::min(coarsest.width, coarsest.height), 48);
+      if (octaves.last() > 0) {
+        EXPECT_GE(std::min(coarsest.width, coarsest.height), 48);
+      }
     }
   }
 }
