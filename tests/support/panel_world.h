@@ -72,14 +72,33 @@ class PanelWorld {
   std::vector<Panel> panels_;
 };
 
-// 320 x 240 pixels, 65 degrees wide.
-inline Camera small_camera() {
+// 320 x 240 pixels, 65 degrees wide; or that of its pictures enlarged k times.
+inline Camera small_camera(int k = 1) {
+  const auto center = [&](double c) { return (c + 0.5) * k - 0.5; };
   Camera camera;
   camera.name = "camera";
-  camera.model = Radtan::from_parameters({250, 252, 160, 119, -0.12, 0.03, 0.0005, -0.0008, 0});
-  camera.width = 320;
-  camera.height = 240;
+  camera.model = Radtan::from_parameters(
+      {250.0 * k, 252.0 * k, center(160), center(119), -0.12, 0.03, 0.0005, -0.0008, 0});
+  camera.width = 320 * k;
+  camera.height = 240 * k;
   return camera;
+}
+
+// Bilinearly, as a program that enlarges videos does.
+inline GrayImage enlarged(const GrayImage& image, int k) {
+  GrayImage out(image.width() * k, image.height() * k);
+  for (int y = 0; y < out.height(); ++y) {
+    for (int x = 0; x < out.width(); ++x) {
+      const double u = std::clamp((x + 0.5) / k - 0.5, 0.0, image.width() - 1.0);
+      const double v = std::clamp((y + 0.5) / k - 0.5, 0.0, image.height() - 1.0);
+      const int left = std::min(int(u), image.width() - 2), above = std::min(int(v), image.height() - 2);
+      const uint8_t *top = image.row(above) + left, *bottom = image.row(above + 1) + left;
+      const double wu = u - left, wv = v - above;
+      out.row(y)[x] = to_grey((1 - wv) * ((1 - wu) * top[0] + wu * top[1]) +
+                              wv * ((1 - wu) * bottom[0] + wu * bottom[1]));
+    }
+  }
+  return out;
 }
 
 // The ray of a pixel of a rig's first camera in the world frame; the pixel must have one.
@@ -126,6 +145,15 @@ inline GrayImage flat_image(int width, int height, uint8_t grey) {
   GrayImage image(width, height);
   for (int y = 0; y < height; ++y) std::fill_n(image.row(y), width, grey);
   return image;
+}
+
+// The same with small_camera(k) at the place of a camera of the rig.
+inline ViewPtr film_enlarged(const PanelWorld& world, const Rigid3& rig_from_cam,
+                             const Rigid3& rig_from_world, int frame, int k) {
+  Camera camera = small_camera();
+  camera.rig_from_cam = rig_from_cam;
+  Rng rng(0, static_cast<uint64_t>(frame));
+  return as_view(enlarged(picture(world, camera, rig_from_world, rng), k), frame);
 }
 
 inline ViewPtr black_view(int width, int height, int frame) {

@@ -31,13 +31,21 @@ class Texture {
 
   double operator()(const Eigen::Vector2d& p) const {
     double sum = 0;
-    for (const Wave& w : waves_) sum += std::sin(w.kx * p.x() + w.ky * p.y() + w.phase);
+    for (const Wave& w : waves_) sum += w.share * std::sin(w.kx * p.x() + w.ky * p.y() + w.phase);
     return 128 + amplitude_ * sum;
+  }
+
+  // The same, seen through a Gaussian blur of `sigma` pixels.
+  Texture blurred(double sigma) const {
+    Texture out = *this;
+    for (Wave& w : out.waves_) w.share *= std::exp(-0.5 * sigma * sigma * (w.kx * w.kx + w.ky * w.ky));
+    return out;
   }
 
  private:
   struct Wave {
     double kx, ky, phase;
+    double share = 1;  // of the amplitude
   };
   std::vector<Wave> waves_;
   double amplitude_;

@@ -12,8 +12,8 @@ struct TrueMap {
 };
 
 // Rig that carries its camera off centre and turned, so that mistaking one for the other shows.
-inline TrackingRig crooked_rig() {
-  Rig rig{{small_camera()}};
+inline TrackingRig crooked_rig(int k = 1) {
+  Rig rig{{small_camera(k)}};
   rig.cameras[0].rig_from_cam = {exp_so3({0.05, -0.1, 0.2}), {0.1, -0.2, 0.05}};
   return TrackingRig(std::move(rig));
 }
@@ -26,16 +26,17 @@ inline Rigid3 true_pose(const TrackingRig& rig, double step) {
 }
 
 // Points at the corners of the first key frame, seen by the key frames wherever nothing hides them. Every
-// pixel is an exact projection. With `every` = n only each n-th corner has a track.
-inline TrueMap true_map(const PanelWorld& world, int keyframes, int every = 1) {
-  TrueMap out{crooked_rig(), {}, {}};
+// pixel is an exact projection. With `every` = n only each n-th corner has a track; pictures
+// may be enlarged.
+inline TrueMap true_map(const PanelWorld& world, int keyframes, int every = 1, int enlargement = 1) {
+  TrueMap out{crooked_rig(enlargement), {}, {}};
   const Camera& camera = out.rig.camera(0);
   std::vector<ViewPtr> views;
   for (int k = 0; k < keyframes; ++k) {
     MapKeyFrame& keyframe = out.map.keyframes.emplace_back();
     keyframe.frame = k;
     keyframe.rig_from_world = true_pose(out.rig, k);
-    views.push_back(film(world, camera, keyframe.rig_from_world, k));
+    views.push_back(film_enlarged(world, camera.rig_from_cam, keyframe.rig_from_world, k, enlargement));
   }
   const Features& features = views[0]->cameras[0].features;
   for (int f = 0; f < features.size(); f += every) {

@@ -1,0 +1,101 @@
+#include "raysfm/features/octaves.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/imgproc.hpp>
+
+#include "raysfm/image/pyramid.h"
+#include "support/soft_edges.h"
+#include "support/texture.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::random_image;
+using testing_support::soft_board;
+
+constexpr int kAnySize = 1 << 30;
+
+cv::Mat header(GrayImage& image) {
+  return cv::Mat(image.height(), image.width(), CV_8UC1, image.row(0), image.view().stride);
+}
+
+TEST(Octaves, PlacesGoIntoAnOctaveAndBack) {
+  const Eigen::Vector2f pixel(17.25f, 310.5f);
+  for (int o = 0; o < 5; ++o) {
+    EXPECT_LT((out_of_octave(into_octave(pixel, o), o) - pixel).norm(), 1e-4f);
+  }
+  // The corner of the image is the corner of every octave.
+  EXPECT_EQ(into_octave({-0.5f, -0.5f}, 3), Eigen::Vector2f(-0.5f, -0.5f));
+  EXPECT_EQ(out_of_octave({0, 0}, 1), Eigen::Vector2f(0.5f, 0.5f));
+}
+
+TEST(Octaves, EachIsTheHalfOfTheOneBefore) {
+  const GrayImage image = random_image(403, 391, 1);
+  GrayImage copy(403, 391), half;
+  cv::Mat target = header(copy);
+  cv::Mat(391, 403, CV_8UC1, const_cast<uint8_t*>(image.row(0)), image.view().stride).copyTo(target);
+  const Octaves octaves(std::move(copy), kAnySize);
+  ASSERT_EQ(octaves.first(), 0);
+  ASSERT_EQ(octaves.last(), 3);
+  half_sample(image, &half);
+  for (int o = 1; o <= 3; ++o) {
+    const GrayView view = octaves.at(o);
+    ASSERT_EQ(view.width, half.width());
+    ASSERT_EQ(view.height, half.height());
+    for (int y = 0; y < view.height; ++y)
+      EXPECT_TRUE(std::equal(view.row(y), view.row(y) + view.width, half.row(y)));
+    GrayImage next;
+    half_sample(half, &next);
+    half = std::move(next);
+  }
+  EXPECT_EQ(octaves.clamp(-1), 0);
+  EXPECT_EQ(octaves.clamp(9), 3);
+  EXPECT_EQ(octaves.views().size(), 4u);
+}
+
+// The edges are 0.6 pixels wide; an octave is too fine where they are wider than 1.5 of its pixels.
+TEST(Octaves, LeaveOutWhatAnEnlargementMade) {
+  GrayImage sharp = soft_board(640, 480, 0.6);
+  for (const auto& [k, first] : {std::pair(1, 0), {2, 0}, {3, 1}, {4, 1}, {6, 2}, {8, 2}}) {
+    GrayImage large(640 * k, 480 * k);
+    cv::Mat target = header(large);
+    cv::resize(header(sharp), target, target.size(), 0, 0, cv::INTER_CUBIC);
+    EXPECT_EQ(Octaves(std::move(large), kAnySize).first(), first) << k;
+  }
+}
+
+TEST(Octaves, LeaveOutWhatABlurTook) {
+  for (const auto& [sigma, first] : {std::pair(0.7, 0), {1.2, 0}, {2.2, 1}, {4.0, 2}}) {
+    EXPECT_EQ(Octaves(soft_board(1280, 960, sigma), kAnySize).first(), first) << sigma;
+  }
+}
+
+TEST(Octaves, HaveNoMorePixelsThanWanted) {
+  for (const auto& [pixels, first] : {std::pair(3'000'000, 0), {2'999'999, 1}, {750'000, 1}, {200'000, 2}}) {
+    const Octaves octaves(random_image(2000, 1500, 2), pixels);
+    EXPECT_EQ(octaves.first(), first);
+    EXPECT_EQ(octaves.at(first).width, 2000 >> first);
+  }
+}
+
+TEST(Octaves, OfAnySizeTakeAThirdMoreThanTheImage) {
+  for (const auto& [width, height] :
+       {std::pair(1, 1), {1, 9000}, {20, 20000}, {20000, 20}, {47, 95}, {95, 96}, {96, 96}, {97, 4001}}) {
+    for (const int max_pixels : {1, 1 << 12, kAnySize}) {
+      const Octaves octaves(random_image(width, height, 3), max_pixels);
+      int64_t pixels = 0;
+      for (const GrayView& view : octaves.views()) pixels += int64_t{view.width} * view.height;
+      ASSERT_FALSE(octaves.at(octaves.first()).empty()) << width << " x " << height;
+      EXPECT_LE(3 * pixels, 4 * int64_t{width} * height);
+      const GrayView coarsest = octaves.at(octaves.last());
+      EXPECT_EQ(coarsest.width, width >> octaves.last());
+      if (octaves.last() > 0) {
+        EXPECT_GE(std::min(coarsest.width, coarsest.height), 48);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace raysfm
