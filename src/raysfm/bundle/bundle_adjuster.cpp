@@ -9,6 +9,24 @@
 
 namespace raysfm {
 
+namespace {
+
+int mark_inliers(const BundleProblem& problem, double threshold, ProblemResiduals* residuals) {
+  int inliers = 0;
+  residuals->load(problem);
+  const size_t count = std::min(problem.observations.size(), problem.is_inlier.size());
+  for (size_t i = 0; i < count; ++i) {
+    Eigen::Vector2d residual;
+    const bool fits =
+        (*residuals)(static_cast<int>(i), &residual) && residual.squaredNorm() <= threshold * threshold;
+    problem.is_inlier[i] = fits;
+    inliers += fits;
+  }
+  return inliers;
+}
+
+}  // namespace
+
 // One state of each kind, made when the first problem of its kind comes.
 class BundleAdjuster::Workspace {
  public:
@@ -16,6 +34,7 @@ class BundleAdjuster::Workspace {
     if (!problem.lenses.empty()) return adjust_with(with_lenses_, problem, options);
     return adjust_with(poses_, problem, options);
   }
+  void mark(const BundleProblem& problem, double threshold) { mark_inliers(problem, threshold, &residuals_); }
 
  private:
   template <int N>
@@ -24,6 +43,7 @@ class BundleAdjuster::Workspace {
 
   std::optional<BundleCore<6>> poses_;
   std::optional<BundleCore<9>> with_lenses_;
+  ProblemResiduals residuals_;
 };
 
 template <int N>
@@ -71,9 +91,9 @@ BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, con
   if (first.termination == Termination::kInvalidProblem || first.termination == Termination::kInterrupted) {
     return first;
   }
-  update_inliers(problem, inlier_threshold);
+  workspace_->mark(problem, inlier_threshold);
   BundleSummary summary = adjust(problem, options);
-  update_inliers(problem, inlier_threshold);
+  workspace_->mark(problem, inlier_threshold);
   summary.initial_cost = first.initial_cost;
   summary.iterations += first.iterations;
   summary.solve_ms = milliseconds_since(start);
@@ -81,17 +101,8 @@ BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, con
 }
 
 int update_inliers(const BundleProblem& problem, double inlier_threshold) {
-  int inliers = 0;
-  const ProblemResiduals residuals(problem);
-  const size_t count = std::min(problem.observations.size(), problem.is_inlier.size());
-  for (size_t i = 0; i < count; ++i) {
-    Eigen::Vector2d residual;
-    const bool fits = residuals(static_cast<int>(i), &residual) &&
-                      residual.squaredNorm() <= inlier_threshold * inlier_threshold;
-    problem.is_inlier[i] = fits;
-    inliers += fits;
-  }
-  return inliers;
+  ProblemResiduals residuals;
+  return mark_inliers(problem, inlier_threshold, &residuals);
 }
 
 }  // namespace raysfm

@@ -7,7 +7,8 @@ namespace raysfm {
 
 ProblemCost problem_cost(const BundleProblem& problem, const RobustLoss& loss) {
   ProblemCost result;
-  const ProblemResiduals residuals(problem);
+  ProblemResiduals residuals;
+  residuals.load(problem);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     if (!problem.is_inlier.empty() && !problem.is_inlier[i]) continue;
     Eigen::Vector2d residual;

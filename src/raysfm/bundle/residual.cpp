@@ -51,9 +51,11 @@ bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d*
                      residual);
 }
 
-ProblemResiduals::ProblemResiduals(const BundleProblem& problem) : problem_(problem) {
+void ProblemResiduals::load(const BundleProblem& problem) {
+  problem_ = problem;
   const bool in_cameras = problem.rays.empty() && problem.lenses.empty();
   cameras_ = in_cameras ? problem.cameras.size() : 1;
+  frames_.clear();
   frames_.reserve(cameras_ * problem.rig_from_world.size());
   for (const Rigid3& rig_from_world : problem.rig_from_world) {
     for (size_t c = 0; c < cameras_; ++c) {

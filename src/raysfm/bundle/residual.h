@@ -19,10 +19,10 @@ bool residual_of(const BundleProblem& problem, int observation, const Rigid3& ri
 bool residual_of(const BundleProblem& problem, int observation, Eigen::Vector2d* residual);
 
 // The same for many observations of a problem that stays as it is: what depends on poses and cameras alone is
-// worked out once.
+// worked out once. Memory only grows.
 class ProblemResiduals {
  public:
-  explicit ProblemResiduals(const BundleProblem& problem);
+  void load(const BundleProblem& problem);
   bool operator()(int observation, Eigen::Vector2d* residual) const;
 
  private:
@@ -30,7 +30,7 @@ class ProblemResiduals {
     Eigen::Matrix3d rotation;
     Eigen::Vector3d translation;
   };
-  const BundleProblem& problem_;
+  BundleProblem problem_;
   size_t cameras_ = 1;         // frames of each pose
   std::vector<Frame> frames_;  // by pose, then by camera
 };
