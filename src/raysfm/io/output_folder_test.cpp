@@ -98,8 +98,15 @@ TEST(ReportFile, HoldsWhatTheContractLists) {
   EXPECT_EQ(json["timing"]["detect"]["max_ms"], 4);
   EXPECT_EQ(json["timing"]["detect"]["count"], 2);
   EXPECT_EQ(json["timing"]["wall_s"], 1.5);
+  EXPECT_TRUE(json["scale_sigma_percent"].is_null());
   r.metric_scale = true;
-  EXPECT_EQ(nlohmann::json::parse(report_json(r, example_report()))["scale"], "metric");
+  r.scale_sigma = 0.015;
+  r.segments[0].scale_sigma = 0.25;
+  const auto metric = nlohmann::json::parse(report_json(r, example_report()));
+  EXPECT_EQ(metric["scale"], "metric");
+  EXPECT_EQ(metric["scale_sigma_percent"], 1.5);
+  EXPECT_EQ(metric["segments"][0]["scale"], "arbitrary");
+  EXPECT_EQ(metric["segments"][0]["scale_sigma_percent"], 25);
 }
 
 TEST(ReportFile, AnyBytesInANameStayJson) {

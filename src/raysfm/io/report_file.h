@@ -27,7 +27,8 @@ struct Report {
 
 // Text of report.json. Numbers of frames, key frames, points and observations, the segments, the starts and
 // the reasons of frames without a pose come from the reconstruction. `start` is that of the first segment,
-// `starts` holds those of all segments.
+// `starts` holds those of all segments. `scale` is that of the segment with most frames, and each segment has
+// its own.
 std::string report_json(const Reconstruction& reconstruction, const Report& report);
 
 Result<void> write_report(const Reconstruction& reconstruction, const Report& report,

@@ -14,6 +14,9 @@ constexpr float kMaxAreaRatio = 6.0f;
 // a factor of 2^(1 - this) on: up to there a finer octave is more exact. A half costs kitti07-mono a twentieth
 // of its accuracy.
 constexpr double kRatherFiner = 0.1;
+// Mean square of a coordinate over the gradients of an aligned patch, squared pixels: 10 for even ones. On
+// ten rendered films of two fisheyes back to back the bias of the scale vanishes between 12 and 14.
+constexpr double kPatchMoment = 13;
 
 // A patch of the given octave.
 bool nearly_rigid(const Eigen::Matrix2f& warp, int octave) {
@@ -72,6 +75,28 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
   query->predicted = pixel.cast<float>();
   query->keyframe_from_target = octave_side(query->octave) * target_from_patch.inverse().cast<float>();
   return true;
+}
+
+void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
+                const Rigid3& target_from_source, PatchQuery* query) {
+  query->bend.setZero();
+  if (rig.size() < 2) return;
+  const Camera& camera = rig.camera(keyframe.cameras[query->feature]);
+  const Eigen::Vector2d pixel = keyframe.pixels[query->feature].cast<double>();
+  // Offsets of the patch that a circle of the target's octave comes from.
+  const Eigen::Matrix2d offsets = std::sqrt(kPatchMoment) * query->keyframe_from_target.cast<double>();
+  Eigen::Vector2d bend = Eigen::Vector2d::Zero();
+  for (const double side : {-1.0, 1.0}) {
+    for (int axis = 0; axis < 2; ++axis) {
+      Ray ray;
+      Eigen::Vector2d seen;
+      if (!camera.ray(pixel + side * offsets.col(axis), &ray)) return;
+      if (!rig.find(query->camera, target_from_source * (ray.origin + distance * ray.direction), &seen))
+        return;
+      bend += 0.5 * (seen - query->predicted.cast<double>());
+    }
+  }
+  query->bend = bend.cast<float>();
 }
 
 void GuidedMatcher::gather_patches(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries) {
@@ -167,6 +192,7 @@ void GuidedMatcher::align(std::span<const KeyFrameView> views, std::span<const P
       if (!finer.converged) break;
       best = finer;
     }
+    if (best.converged) best.pixel -= std::ldexp(1.0f, 2 * (best.octave - q.octave)) * q.bend;
   }
 }
 

@@ -19,7 +19,8 @@ struct PatchQuery {
   int octave = 0;                                       // of the other image, to look in
   // How the patch is deformed: pixels of the key frame as taken from those of the octave of the other image.
   Eigen::Matrix2f keyframe_from_target = Eigen::Matrix2f::Identity();
-  float radius = 0;  // of the region of interest, pixels
+  float radius = 0;                                // of the region of interest, pixels
+  Eigen::Vector2f bend = Eigen::Vector2f::Zero();  // see bend_patch()
 };
 
 // Predicts where camera `target` sees the point at `distance` along the ray of a key frame's feature, and how
@@ -29,6 +30,13 @@ struct PatchQuery {
 // to be compared (beyond a factor of about 2.5 to the octaves that there are).
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query);
+
+// Fills the bend of a query that predict_patch() has just made: by how much the patch as a whole lies beside
+// its centre in the target, pixels, where lens and perspective deform it otherwise than linearly; the
+// alignment finds it there. Done for rigs alone: a hundredth of a pixel that goes with the turning of the rig
+// is a tenth of its scale where the cameras are 3 cm apart.
+void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
+                const Rigid3& target_from_source, PatchQuery* query);
 
 struct GuidedMatch {
   int query = -1;

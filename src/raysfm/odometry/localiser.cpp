@@ -134,6 +134,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                        view.cameras[camera], &query)) {
       continue;
     }
+    bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);
     Eigen::Vector2d pixel;
     if (!rig_.find(camera, cam_from_world * position, &pixel)) continue;
     query.predicted = pixel.cast<float>();

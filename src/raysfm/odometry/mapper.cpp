@@ -121,6 +121,7 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     complete_keyframe(view, keyframe, map, views);
   }
   adjust_locally(map);
+  if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) measure_scale(map);
 }
 
 void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
@@ -186,6 +187,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
       return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, view.cameras[camera], q);
     };
     if (!(distance > 0) || !predict(distance, &query)) continue;
+    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
     PatchQuery nearer, farther;
     query.radius = max_radius;
     if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
@@ -372,7 +374,6 @@ void Mapper::adjust_locally(Map* map) {
   const LocalWindow window =
       local_window(count, {options_.free_cameras, options_.window, options_.global_until});
   adjust(map, window.first_observed, window.first_free, 5);
-  if (is_scale_due(count, options_.global_until)) measure_scale(map);
 }
 
 void Mapper::adjust_globally(Map* map) {
@@ -382,6 +383,7 @@ void Mapper::adjust_globally(Map* map) {
 
 void Mapper::measure_scale(Map* map) {
   if (rig_.central()) return;
+  ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   raysfm::measure_scale(kAdjustment, window_problem(*map), adjuster_, map);
   scatter(0, map);

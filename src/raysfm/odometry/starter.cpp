@@ -320,6 +320,7 @@ void Starter::refine_pixels(const std::array<ViewPtr, 3>& views, Start* start) {
                          views[v]->cameras[camera], &query)) {
         continue;
       }
+      bend_patch(rig_, start->views[0], distance, target_from_first, &query);
       queries.push_back(query);
       starts.push_back(keyframe.pixels[f]);
     }

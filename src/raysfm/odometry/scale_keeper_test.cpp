@@ -1,0 +1,90 @@
+#include "raysfm/odometry/scale_keeper.h"
+
+#include <gtest/gtest.h>
+
+#include <numbers>
+
+#include "raysfm/core/random.h"
+#include "raysfm/odometry/mapper.h"
+#include "support/panel_world.h"
+
+namespace raysfm {
+namespace {
+
+TrackingRig back_to_back() {
+  Rig rig{{testing_support::small_camera(), testing_support::small_camera()}};
+  rig.cameras[0].rig_from_cam.translation = {0.25, 0, 0};
+  rig.cameras[1].rig_from_cam = {exp_so3({0, std::numbers::pi, 0}), {-0.25, 0, 0}};
+  return TrackingRig(std::move(rig));
+}
+
+// A map at a multiple of its scale, of exact observations: each point is seen by one camera in every key
+// frame.
+Map scaled_map(const TrackingRig& rig, double scale, double turn) {
+  Rng rng(4);
+  Map map;
+  for (int k = 0; k < 8; ++k) {
+    map.keyframes.emplace_back().frame = k;
+    map.keyframes[k].rig_from_world = Rigid3{exp_so3(turn * k * Eigen::Vector3d(0.03, 0.05, -0.04)),
+                                             Eigen::Vector3d(0.15 * k, 0.02 * k, 0.05 * k)}
+                                          .inverse();
+  }
+  for (int t = 0; t < 160; ++t) {
+    const int camera = t % 2;
+    Track& track = map.tracks.emplace_back();
+    track.position = rig.camera(camera).rig_from_cam *
+                     Eigen::Vector3d(rng.uniform(-1.2, 1.2), rng.uniform(-0.9, 0.9), rng.uniform(4, 6));
+    track.triangulated = true;
+    for (int k = 0; k < 8; ++k) {
+      Eigen::Vector2d pixel;
+      if (!rig.find(camera, rig.cam_from_rig(camera) * (map.keyframes[k].rig_from_world * track.position),
+                    &pixel)) {
+        continue;
+      }
+      observe(rig, {t, static_cast<uint8_t>(camera), 0, pixel.cast<float>()}, k, &map);
+    }
+  }
+  for (MapKeyFrame& k : map.keyframes) k.rig_from_world.translation *= scale;
+  for (Track& track : map.tracks) track.position *= scale;
+  map.guessed_keyframe = 7;
+  map.guessed_distance = map.keyframes[7].rig_from_world.translation.norm();
+  return map;
+}
+
+TEST(ScaleKeeper, AGuessBecomesAMeasurement) {
+  const TrackingRig rig = back_to_back();
+  OdometryOptions options;
+  for (const double scale : {0.5, 1.005, 3.0}) {
+    Map map = scaled_map(rig, scale, 1);
+    const double guess = map.guessed_distance;
+    Mapper mapper(rig, options);
+    mapper.measure_scale(&map);
+    EXPECT_NEAR(map.rescaled, 1 / scale, 1e-3 / scale) << scale;
+    EXPECT_NEAR(map.guessed_distance, guess / scale, 1e-3 * guess / scale);
+    EXPECT_NEAR(map.keyframes[7].rig_from_world.translation.norm(), guess / scale, 2e-3 * guess / scale);
+    EXPECT_LT(map.scale_sigma, 6e-3);  // the least that is ever stated is 5e-3
+  }
+}
+
+TEST(ScaleKeeper, WithoutATurnTheGuessStays) {
+  const TrackingRig rig = back_to_back();
+  OdometryOptions options;
+  Map map = scaled_map(rig, 2, 0);
+  const Eigen::Vector3d before = map.keyframes[7].rig_from_world.translation;
+  Mapper mapper(rig, options);
+  mapper.adjust_globally(&map);
+  EXPECT_NEAR(map.keyframes[7].rig_from_world.translation.norm(), before.norm(), 1e-3);
+  EXPECT_EQ(map.rescaled, 1);
+}
+
+TEST(ScaleKeeper, MeasurementsOfALargeMapBecomeRare) {
+  int due = 0;
+  for (int k = 21; k <= 1000; ++k) due += is_scale_due(k, 20);
+  EXPECT_GE(due, 10);
+  EXPECT_LE(due, 20);
+  EXPECT_TRUE(is_scale_due(4, 20));
+  EXPECT_FALSE(is_scale_due(5, 20));
+}
+
+}  // namespace
+}  // namespace raysfm
