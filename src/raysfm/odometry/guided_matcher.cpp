@@ -14,9 +14,8 @@ constexpr float kMaxAreaRatio = 6.0f;
 // a factor of 2^(1 - this) on: up to there a finer octave is more exact. A half costs kitti07-mono a twentieth
 // of its accuracy.
 constexpr double kRatherFiner = 0.1;
-// Mean square of a coordinate over the gradients of an aligned patch, squared pixels: 10 for even ones. On
-// ten rendered films of two fisheyes back to back the bias of the scale vanishes between 12 and 14.
-constexpr double kPatchMoment = 13;
+// Mean square of a coordinate over an aligned patch of 11 x 11 pixels.
+constexpr double kPatchMoment = 10;
 
 // A patch of the given octave.
 bool nearly_rigid(const Eigen::Matrix2f& warp, int octave) {

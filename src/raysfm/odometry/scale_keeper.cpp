@@ -9,7 +9,7 @@ namespace raysfm {
 namespace {
 
 constexpr double kHold = 1e4;  // weight of the prior
-constexpr double kTold = 0.2;  // sigma below which a measurement is better than a guess
+constexpr double kTold = 0.2;  // stated sigma below which a measurement replaces the guess
 // Factor to the standard deviation that the observations show: surfaces that do not face the camera, and the
 // light on them, shift a patch for as long as it is followed. On the films of docs/results/rig_scale.md it is
 // about 2.
@@ -34,8 +34,9 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
 
 void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAdjuster& adjuster, Map* map) {
   const std::optional<ScaleEstimate> found = estimate_scale(problem, options);
-  map->scale_sigma = found ? stated(found->sigma) : INFINITY;
-  if (!(map->scale_sigma < kTold)) return;
+  map->scale_sigma = INFINITY;
+  if (!found || !(stated(found->sigma) < kTold)) return;
+  map->scale_sigma = stated(found->sigma);
   const double step = std::abs(std::log(found->ratio));
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;

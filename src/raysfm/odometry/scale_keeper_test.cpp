@@ -54,10 +54,11 @@ Map scaled_map(const TrackingRig& rig, double scale, double turn) {
 TEST(ScaleKeeper, AGuessBecomesAMeasurement) {
   const TrackingRig rig = back_to_back();
   OdometryOptions options;
-  for (const double scale : {0.5, 1.005, 3.0}) {
+  for (const double scale : {0.8, 1.005, 1.4}) {
     Map map = scaled_map(rig, scale, 1);
     const double guess = map.guessed_distance;
     Mapper mapper(rig, options);
+    mapper.adjust_globally(&map);
     mapper.measure_scale(&map);
     EXPECT_NEAR(map.rescaled, 1 / scale, 1e-3 / scale) << scale;
     EXPECT_NEAR(map.guessed_distance, guess / scale, 1e-3 * guess / scale);
