@@ -11,8 +11,8 @@ namespace {
 constexpr double kHold = 1e4;  // weight of the prior
 constexpr double kTold = 0.2;  // stated sigma below which a measurement replaces the guess
 // Factor to the standard deviation that the observations show: surfaces that do not face the camera, and the
-// light on them, shift a patch for as long as it is followed. On the films of docs/results/rig_scale.md it is
-// about 2.
+// light on them, shift a patch for as long as it is followed. The rendered films of docs/results/rig_scale.md
+// need about 1.2; the rest is for real ones.
 constexpr double kUnmodelled = 2;
 constexpr double kCalibration = 0.005;  // standard deviation of a scale as far as calibrations are right
 constexpr double kSettled = 0.25;       // of sigma: smaller steps are not worth taking

@@ -68,7 +68,7 @@ TEST_F(StarterTest, FindsTheMotionOfThreeViews) {
             (std::vector<int>{keyframes[0].frame, keyframes[1].frame, keyframes[2].frame}));
   EXPECT_LT(keyframes[0].frame, keyframes[1].frame);
   EXPECT_LT(keyframes[1].frame, keyframes[2].frame);
-  EXPECT_EQ(starter_.views()[start_->first_view]->frame, keyframes[0].frame);
+  EXPECT_EQ(starter_.views()[start_->first_view].frame, keyframes[0].frame);
   // The first key frame is the world.
   EXPECT_LT(keyframes[0].rig_from_world.translation.norm(), 1e-12);
   EXPECT_LT(degrees_between(keyframes[0].rig_from_world.rotation, Eigen::Quaterniond::Identity()), 1e-6);
