@@ -7,9 +7,11 @@ namespace raysfm {
 namespace {
 
 // Whether a feature may still be matched, or is part of the map.
-bool is_alive(const Map& map, int keyframe, int track) {
-  if (track < 0) return false;
-  const Track& t = map.tracks[track];
+bool is_alive(const Map& map, int keyframe, int feature, bool for_good) {
+  const MapKeyFrame& k = map.keyframes[keyframe];
+  if (k.tracks[feature] < 0) return false;
+  const Track& t = map.tracks[k.tracks[feature]];
+  if (for_good) return t.triangulated && k.inliers[feature];
   return t.triangulated || t.observations.back().keyframe > keyframe;
 }
 
@@ -24,6 +26,7 @@ void keep(const std::vector<int>& kept, std::vector<T>* values) {
 }
 
 void keep(const std::vector<int>& kept, PatchSet* patches) {
+  if (patches->size() == 0) return;
   PatchSet fewer;
   fewer.resize(static_cast<int>(kept.size()));
   for (size_t i = 0; i < kept.size(); ++i) copy_patch(*patches, kept[i], static_cast<int>(i), &fewer);
@@ -36,7 +39,8 @@ void give_up(int keyframe, int feature, Map* map) {
   if (track < 0) return;
   Track& t = map->tracks[track];
   if (t.had_position) {
-    std::erase_if(t.observations, [&](const TrackObservation& o) { return o.keyframe == keyframe; });
+    std::erase_if(t.observations,
+                  [&](const TrackObservation& o) { return o.keyframe == keyframe && o.feature == feature; });
     return;
   }
   for (const TrackObservation& o : t.observations) map->keyframes[o.keyframe].tracks[o.feature] = -1;
@@ -45,14 +49,16 @@ void give_up(int keyframe, int feature, Map* map) {
 
 }  // namespace
 
-void drop_dead_features(int keyframe, Map* map, KeyFrameView* view) {
+void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view) {
   MapKeyFrame& k = map->keyframes[keyframe];
   std::vector<int> kept;
   for (int f = 0; f < k.size(); ++f) {
-    if (is_alive(*map, keyframe, k.tracks[f])) {
-      for (TrackObservation& o : map->tracks[k.tracks[f]].observations) {
+    if (is_alive(*map, keyframe, f, for_good)) {
+      std::vector<TrackObservation>& observations = map->tracks[k.tracks[f]].observations;
+      for (TrackObservation& o : observations) {
         if (o.keyframe == keyframe && o.feature == f) o.feature = static_cast<int>(kept.size());
       }
+      if (for_good) observations.shrink_to_fit();
       kept.push_back(f);
     } else {
       give_up(keyframe, f, map);

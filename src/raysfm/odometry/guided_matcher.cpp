@@ -10,9 +10,9 @@ namespace {
 // A patch whose border moves by less than this many pixels is compared as it is.
 constexpr float kRigidPatchTolerance = 0.12f * kPatchRadius;
 constexpr float kMaxAreaRatio = 6.0f;
-// A point that is seen larger than before is looked for in the octave where it was as large as before only from
-// a factor of 2^(1 - this) on: up to there a finer octave is more exact. A half costs kitti07-mono a twentieth
-// of its accuracy.
+// A point that is seen larger than before is looked for in the octave where it was as large as before only
+// from a factor of 2^(1 - this) on: up to there a finer octave is more exact. A half costs kitti07-mono a
+// twentieth of its accuracy.
 constexpr double kRatherFiner = 0.1;
 // Mean square of a coordinate over an aligned patch of 11 x 11 pixels.
 constexpr double kPatchMoment = 10;

@@ -357,9 +357,12 @@ void Odometry::rescale_frames(int segment, double factor) {
 
 void Odometry::forget_old_views() {
   std::vector<KeyFrameView>& views = segment().views;
-  const int settled = static_cast<int>(views.size()) - 1 - kFollowedFor;
-  if (settled >= 0) drop_dead_features(settled, &segment().map, &views[settled]);
-  if (views.size() > kKeptViews) views[views.size() - 1 - kKeptViews] = KeyFrameView{};
+  const int newest = static_cast<int>(views.size()) - 1;
+  const int settled = newest - kFollowedFor, forgotten = newest - kKeptViews;
+  if (settled >= 0) drop_dead_features(settled, false, &segment().map, &views[settled]);
+  if (forgotten < 0) return;
+  views[forgotten] = KeyFrameView{};
+  drop_dead_features(forgotten, true, &segment().map, &views[forgotten]);
 }
 
 void Odometry::record(int number, const Localisation& pose, int keyframe) {
@@ -462,10 +465,58 @@ Reconstruction Odometry::finish(bool final_global) {
   for (FrameRecord& frame : frames_) {
     if (frame.segment >= 0) settle(frame.segment, &frame);
   }
-  return assemble();
+  return hand_over();
 }
 
-Reconstruction Odometry::assemble() {
+// Points and observations of a segment, behind those of the ones before it. Returns the sum of the squared
+// residuals.
+double Odometry::hand_over_map(int number, Reconstruction* out) const {
+  const Map& map = segments_[number].map;
+  double squares = 0;
+  std::vector<int> point_of_track(map.tracks.size(), -1);
+  for (size_t t = 0; t < map.tracks.size(); ++t) {
+    if (!map.tracks[t].triangulated) continue;
+    point_of_track[t] = static_cast<int>(out->points.size());
+    out->points.push_back({map.tracks[t].position, map.tracks[t].rgb, number});
+  }
+  for (const MapKeyFrame& k : map.keyframes) {
+    KeyFrame keyframe{k.frame, static_cast<int>(out->observations.size()), 0};
+    for (int f = 0; f < k.size(); ++f) {
+      const int track = k.tracks[f];
+      Eigen::Vector2d predicted;
+      if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
+      const int camera = k.cameras[f];
+      const Eigen::Vector3d point = k.rig_from_world * map.tracks[track].position;
+      if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
+      const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
+      squares += (predicted - pixel).squaredNorm();
+      out->observations.push_back({point_of_track[track], camera, pixel});
+    }
+    keyframe.last_observation = static_cast<int>(out->observations.size());
+    out->keyframes.push_back(keyframe);
+  }
+  return squares;
+}
+
+// How many of its frames are posed.
+int Odometry::hand_over_summary(int number, Reconstruction* out) const {
+  const double sigma = segments_[number].map.scale_sigma;
+  Segment segment{-1, -1, segments_[number].end_reason, sigma < kMetric, {}};
+  if (std::isfinite(sigma)) segment.scale_sigma = sigma;
+  int posed = 0;
+  for (size_t i = 0; i < frames_.size(); ++i) {
+    if (frames_[i].segment != number) continue;
+    ++posed;
+    if (segment.first < 0) segment.first = static_cast<int>(i);
+    segment.last = static_cast<int>(i);
+  }
+  out->segments.push_back(segment);
+  out->starts.push_back(segments_[number].start);
+  return posed;
+}
+
+// Each map is freed once it is handed over, so that no two copies of all of them are there at a time.
+Reconstruction Odometry::hand_over() {
   Reconstruction out;
   out.rig = rig_.rig();
   for (const FrameRecord& f : frames_) {
@@ -482,46 +533,14 @@ Reconstruction Odometry::assemble() {
   }
   double squares = 0;
   int most_posed = 0;
-  for (size_t s = 0; s < segments_.size(); ++s) {
-    const Map& map = segments_[s].map;
-    std::vector<int> point_of_track(map.tracks.size(), -1);
-    for (size_t t = 0; t < map.tracks.size(); ++t) {
-      if (!map.tracks[t].triangulated) continue;
-      point_of_track[t] = static_cast<int>(out.points.size());
-      out.points.push_back({map.tracks[t].position, map.tracks[t].rgb, static_cast<int>(s)});
-    }
-    for (const MapKeyFrame& k : map.keyframes) {
-      KeyFrame keyframe{k.frame, static_cast<int>(out.observations.size()), 0};
-      for (int f = 0; f < k.size(); ++f) {
-        const int track = k.tracks[f];
-        Eigen::Vector2d predicted;
-        if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
-        const int camera = k.cameras[f];
-        const Eigen::Vector3d point = k.rig_from_world * map.tracks[track].position;
-        if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
-        const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
-        squares += (predicted - pixel).squaredNorm();
-        out.observations.push_back({point_of_track[track], camera, pixel});
-      }
-      keyframe.last_observation = static_cast<int>(out.observations.size());
-      out.keyframes.push_back(keyframe);
-    }
-    Segment segment{-1, -1, segments_[s].end_reason, map.scale_sigma < kMetric, {}};
-    if (std::isfinite(map.scale_sigma)) segment.scale_sigma = map.scale_sigma;
-    int posed = 0;
-    for (size_t i = 0; i < frames_.size(); ++i) {
-      if (frames_[i].segment != static_cast<int>(s)) continue;
-      ++posed;
-      if (segment.first < 0) segment.first = static_cast<int>(i);
-      segment.last = static_cast<int>(i);
-    }
-    if (posed > most_posed) {
-      most_posed = posed;
-      out.metric_scale = segment.metric_scale;
-      out.scale_sigma = segment.scale_sigma;
-    }
-    out.segments.push_back(segment);
-    out.starts.push_back(segments_[s].start);
+  for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
+    squares += hand_over_map(s, &out);
+    const int posed = hand_over_summary(s, &out);
+    segments_[s].map = {};
+    if (posed <= most_posed) continue;
+    most_posed = posed;
+    out.metric_scale = out.segments.back().metric_scale;
+    out.scale_sigma = out.segments.back().scale_sigma;
   }
   if (!out.observations.empty()) {
     out.rms_reprojection_px = std::sqrt(squares / static_cast<double>(out.observations.size()));

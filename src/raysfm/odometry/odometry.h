@@ -32,7 +32,7 @@ class Odometry {
 
   void process(ViewPtr view);
 
-  // No more views. Adjusts everything when told so. Every frame has a pose or a reason.
+  // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
   Reconstruction finish(bool final_global);
 
   OdometryTimings timings() const;
@@ -92,7 +92,9 @@ class Odometry {
   void lose(const ViewPtr& view, const std::string& reason);
   void forget_old_views();
   double mean_keyframe_distance() const;
-  Reconstruction assemble();
+  double hand_over_map(int number, Reconstruction* out) const;
+  int hand_over_summary(int number, Reconstruction* out) const;
+  Reconstruction hand_over();
   void tell(Event::Level level, std::string message) const;
 
   OdometryOptions options_;
