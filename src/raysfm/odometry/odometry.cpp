@@ -388,7 +388,7 @@ void Odometry::settle(int segment, FrameRecord* frame) {
   if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
     frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
   }
-  frame->matches = {};
+  frame->matches = std::vector<TrackPixel>();  // frees the memory, which {} does not
 }
 
 void Odometry::settle_frames_of(int keyframe) {

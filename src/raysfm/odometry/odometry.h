@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -104,7 +105,7 @@ class Odometry {
   Mapper mapper_;
   std::optional<Starter> starter_;
   std::vector<SegmentState> segments_;
-  std::vector<FrameRecord> frames_;
+  std::deque<FrameRecord> frames_;
   std::optional<Previous> previous_;
   LocalMap local_;
   int anchor_points_ = 0;       // of local_ seen by its key frame

@@ -26,7 +26,7 @@ class PairTracker {
   // Passes over a view that is no longer there.
   void skip() { matches_.emplace_back(); }
   // Forgets what was matched with the k-th view.
-  void release(int k) { matches_[k] = {}; }
+  void release(int k) { matches_[k] = std::vector<int>(); }
   // Median distance in pixels between the matched features of the base and the newest view.
   float median_displacement() const { return median_displacement_; }
 

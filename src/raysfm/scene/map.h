@@ -65,6 +65,7 @@ struct Map {
   // Index of a track without observations.
   int new_track() {
     if (free_tracks.empty()) {
+      if (tracks.size() == tracks.capacity()) tracks.reserve(tracks.size() + tracks.size() / 8 + 1024);
       tracks.emplace_back();
       return static_cast<int>(tracks.size()) - 1;
     }
