@@ -515,6 +515,17 @@ int Odometry::hand_over_summary(int number, Reconstruction* out) const {
   return posed;
 }
 
+// A vector that grows by itself would take three times the memory.
+void Odometry::reserve_observations(Reconstruction* out) const {
+  size_t observations = 0, points = 0;
+  for (const SegmentState& s : segments_) {
+    for (const MapKeyFrame& k : s.map.keyframes) observations += std::ranges::count(k.inliers, 1);
+    points += std::ranges::count_if(s.map.tracks, &Track::triangulated);
+  }
+  out->observations.reserve(observations);
+  out->points.reserve(points);
+}
+
 // Each map is freed once it is handed over, so that no two copies of all of them are there at a time.
 Reconstruction Odometry::hand_over() {
   Reconstruction out;
@@ -531,6 +542,7 @@ Reconstruction Odometry::hand_over() {
     frame.world_from_rig = rig_from_world.inverse();
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);
   }
+  reserve_observations(&out);
   double squares = 0;
   int most_posed = 0;
   for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {

@@ -95,6 +95,7 @@ class Odometry {
   double mean_keyframe_distance() const;
   double hand_over_map(int number, Reconstruction* out) const;
   int hand_over_summary(int number, Reconstruction* out) const;
+  void reserve_observations(Reconstruction* out) const;
   Reconstruction hand_over();
   void tell(Event::Level level, std::string message) const;
 
