@@ -11,9 +11,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
-constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
-constexpr int kKeptViews = 60;           // key frames whose images are kept
+constexpr int kReach = 10;      // key frames about the anchor whose points are looked for
+constexpr int kKeptViews = 60;  // key frames whose images are kept
 // How the search widens: radius as a part of the image's width, and points matched for a first pose.
 struct Effort {
   float radius_share;
@@ -127,6 +126,8 @@ void Odometry::begin_segment(Start start, const std::vector<ViewPtr>& views) {
     velocity = pose.rig_from_world *
                (before.rig_from_keyframe * segment().map.keyframes[before.keyframe].rig_from_world).inverse();
   }
+  relocaliser_.clear();
+  for (const KeyFrameView& k : segment().views) relocaliser_.add_keyframe(segment().map, *k.view);
   previous_ = Previous{*third, pose, velocity};
   set_anchor(2);
   for (auto it = third + 1; it != views.end(); ++it) {
@@ -291,6 +292,7 @@ double Odometry::mean_keyframe_distance() const {
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
+  relocaliser_.add_keyframe(segment().map, *view);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(static_cast<int>(segments_.size()) - 1, factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
@@ -377,22 +379,36 @@ void Odometry::lose(const ViewPtr& view, const std::string& reason) {
 bool Odometry::relocalise(const ViewPtr& view) {
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
-  for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
-    const LocalMap local = make_local_map(map, segment().views, rig_, k, 0);
-    Localisation pose = localiser_.localise(map, segment().views, local, *view,
-                                            map.keyframes[k].rig_from_world, range_of(kBlind, *view));
-    if (!convincing(pose)) continue;
-    pose =
-        localiser_.localise(map, segment().views, local_, *view, pose.rig_from_world, range_of(kNear, *view));
-    if (!believable(pose)) continue;
-    tell(Event::Level::kInfo, fmt::format("track found again at frame {} in key frame {}", view->frame, k));
-    starter_.emplace(rig_, options_);
-    segment().end_reason = "end of input";
-    accept(view, std::move(pose));
-    return true;
+  const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
+  const Localisation pose = localiser_.localise(
+      map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
+  if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
+  for (const Place& place : relocaliser_.search(map, segment().views, *view)) {
+    Rigid3 rig_from_world;
+    if (localiser_.pose_from_matches(map, place.matches, view->frame, &rig_from_world) &&
+        take_up(view, place.keyframe, rig_from_world)) {
+      return true;
+    }
   }
   frames_[view->frame].reason = "track lost: " + segment().end_reason;
   return false;
+}
+
+// Track again from a key frame and a first pose of the view; false, where the view does not see what it
+// should.
+bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world) {
+  const Map& map = segment().map;
+  const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
+  Localisation pose =
+      localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
+  if (!believable(pose)) return false;
+  tell(Event::Level::kInfo,
+       fmt::format("track found again at frame {} in key frame {}", view->frame, keyframe));
+  starter_.emplace(rig_, options_);
+  segment().end_reason = "end of input";
+  set_anchor(keyframe);
+  accept(view, std::move(pose));
+  return true;
 }
 
 Reconstruction Odometry::finish(bool final_global) {
