@@ -105,7 +105,7 @@ constexpr std::array<Offset, kDirections> make_directions() {
 constexpr std::array<Offset, kDirections> kUnit = make_directions();
 
 struct Test {
-  Offset a, b;
+  int8_t ax, ay, bx, by;
 };
 
 // Points are drawn denser towards the corner, where two views differ least.
@@ -127,18 +127,18 @@ std::array<std::array<Test, kTests>, kDirections> make_pattern() {
   std::array<std::array<Test, kTests>, kDirections> pattern;
   Rng rng(2);
   for (int i = 0; i < kTests; ++i) {
-    Test test;
-    Offset apart;
+    Offset a, b, apart;
     do {
-      test = {draw_point(rng), draw_point(rng)};
-      apart = {test.a.x - test.b.x, test.a.y - test.b.y};
+      a = draw_point(rng), b = draw_point(rng);
+      apart = {a.x - b.x, a.y - b.y};
     } while (apart.x * apart.x + apart.y * apart.y < kMinDistance * kMinDistance);
     for (int d = 0; d < kDirections; ++d) {
-      const auto round = [](int v) { return (v + (v < 0 ? -kFixed / 2 : kFixed / 2)) / kFixed; };
-      const auto turn = [&](const Offset& p) -> Offset {
-        return {round(kUnit[d].x * p.x - kUnit[d].y * p.y), round(kUnit[d].y * p.x + kUnit[d].x * p.y)};
+      const auto round = [](int v) {
+        return static_cast<int8_t>((v + (v < 0 ? -kFixed / 2 : kFixed / 2)) / kFixed);
       };
-      pattern[d][i] = {turn(test.a), turn(test.b)};
+      const auto x = [&](const Offset& p) { return round(kUnit[d].x * p.x - kUnit[d].y * p.y); };
+      const auto y = [&](const Offset& p) { return round(kUnit[d].y * p.x + kUnit[d].x * p.y); };
+      pattern[d][i] = {x(a), y(a), x(b), y(b)};
     }
   }
   return pattern;
@@ -187,7 +187,7 @@ Descriptor describe_at(const GrayView& image, int x, int y) {
     uint64_t bits = 0;
     for (int i = 0; i < 64; ++i) {
       const Test& t = tests[64 * word + i];
-      bits = bits << 1 | (centre[t.a.y * stride + t.a.x] < centre[t.b.y * stride + t.b.x]);
+      bits = bits << 1 | (centre[t.ay * stride + t.ax] < centre[t.by * stride + t.bx]);
     }
     out.bits[word] = bits;
   }

@@ -46,6 +46,12 @@ bool convincing(const Localisation& pose) {
   return found_share(pose, kGoodMatchedShare);
 }
 
+// The same after a loss, when the guess behind it may be wrong. From another side much is hidden; but the
+// more points agree, the less it is by chance.
+bool recognised(const Localisation& pose, const OdometryOptions& options) {
+  return convincing(pose) || (believable(pose) && 4 * pose.matched_with_anchor >= options.min_matches);
+}
+
 // A key frame as if it had been localised, with its own observations.
 Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
   Localisation pose;
@@ -401,7 +407,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
   const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
-  if (!believable(pose)) return false;
+  if (!recognised(pose, options_)) return false;
   tell(Event::Level::kInfo,
        fmt::format("track found again at frame {} in key frame {}", view->frame, keyframe));
   starter_.emplace(rig_, options_);
