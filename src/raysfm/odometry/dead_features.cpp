@@ -49,9 +49,9 @@ void give_up(int keyframe, int feature, Map* map) {
 
 }  // namespace
 
-void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view) {
+std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view) {
   MapKeyFrame& k = map->keyframes[keyframe];
-  std::vector<int> kept;
+  std::vector<int> kept, moved_to(k.size(), -1);
   for (int f = 0; f < k.size(); ++f) {
     if (is_alive(*map, keyframe, f, for_good)) {
       std::vector<TrackObservation>& observations = map->tracks[k.tracks[f]].observations;
@@ -59,6 +59,7 @@ void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* vie
         if (o.keyframe == keyframe && o.feature == f) o.feature = static_cast<int>(kept.size());
       }
       if (for_good) observations.shrink_to_fit();
+      moved_to[f] = static_cast<int>(kept.size());
       kept.push_back(f);
     } else {
       give_up(keyframe, f, map);
@@ -77,6 +78,7 @@ void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* vie
   keep(kept, &view->directions);
   keep(kept, &view->ray_jacobians);
   keep(kept, &view->patches);
+  return moved_to;
 }
 
 }  // namespace raysfm

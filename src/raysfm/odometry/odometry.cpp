@@ -12,9 +12,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kReach = 10;               // key frames about the anchor whose points are looked for
-constexpr int kRelocalisationReach = 5;  // newest key frames tried after a loss
-constexpr int kKeptViews = 60;           // key frames whose images are kept
+constexpr int kReach = 10;      // key frames about the anchor whose points are looked for
+constexpr int kKeptViews = 60;  // key frames whose images are kept
 // Key frames after which a track that has no position, and is not seen any more, is given up.
 constexpr int kFollowedFor = 2;
 // How the search widens: radius as a part of the image's width, and points matched for a first pose.
@@ -48,6 +47,12 @@ bool believable(const Localisation& pose) {
 }
 bool convincing(const Localisation& pose) {
   return found_share(pose, kGoodMatchedShare);
+}
+
+// The same after a loss, when the guess behind it may be wrong. From another side much is hidden; but the
+// more points agree, the less it is by chance.
+bool recognised(const Localisation& pose, const OdometryOptions& options) {
+  return convincing(pose) || (believable(pose) && 4 * pose.matched_with_anchor >= options.min_matches);
 }
 
 // A key frame as if it had been localised, with its own observations.
@@ -138,6 +143,8 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
     previous_->interval = third->view->timestamp - before.timestamp;
   }
+  relocaliser_.clear();
+  for (const KeyFrameView& k : segment().views) relocaliser_.add_keyframe(segment().map, *k.view);
   set_anchor(2);
   for (auto it = third + 1; it != views.end(); ++it) {
     if (tracking()) {
@@ -329,6 +336,7 @@ double Odometry::mean_keyframe_distance() const {
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
+  relocaliser_.add_keyframe(segment().map, *view);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(static_cast<int>(segments_.size()) - 1, factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
@@ -358,11 +366,18 @@ void Odometry::rescale_frames(int segment, double factor) {
 void Odometry::forget_old_views() {
   std::vector<KeyFrameView>& views = segment().views;
   const int newest = static_cast<int>(views.size()) - 1;
-  const int settled = newest - kFollowedFor, forgotten = newest - kKeptViews;
-  if (settled >= 0) drop_dead_features(settled, false, &segment().map, &views[settled]);
+  drop_dead_features(newest - kFollowedFor, false);
+  const int forgotten = newest - kKeptViews;
   if (forgotten < 0) return;
   views[forgotten] = KeyFrameView{};
-  drop_dead_features(forgotten, true, &segment().map, &views[forgotten]);
+  drop_dead_features(forgotten, true);
+}
+
+void Odometry::drop_dead_features(int keyframe, bool for_good) {
+  if (keyframe < 0) return;
+  const std::vector<int> moved_to =
+      raysfm::drop_dead_features(keyframe, for_good, &segment().map, &segment().views[keyframe]);
+  relocaliser_.forget_features(keyframe, for_good ? std::vector<int>(moved_to.size(), -1) : moved_to);
 }
 
 void Odometry::record(int number, const Localisation& pose, int keyframe) {
@@ -423,22 +438,33 @@ void Odometry::lose(const ViewPtr& view, const std::string& reason) {
 bool Odometry::relocalise(const ViewPtr& view) {
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
-  for (int k = newest; k >= std::max(0, newest - kRelocalisationReach + 1); --k) {
-    const LocalMap local = make_local_map(map, segment().views, rig_, k, 0);
-    Localisation pose = localiser_.localise(map, segment().views, local, *view,
-                                            map.keyframes[k].rig_from_world, range_of(kBlind, *view));
-    if (!convincing(pose)) continue;
-    pose =
-        localiser_.localise(map, segment().views, local_, *view, pose.rig_from_world, range_of(kNear, *view));
-    if (!believable(pose)) continue;
-    tell(Event::Level::kInfo, fmt::format("track found again at frame {} in key frame {}", view->frame, k));
-    starter_.emplace(rig_, options_);
-    segment().end_reason = "end of input";
-    accept(view, std::move(pose));
-    return true;
+  const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
+  const Localisation pose = localiser_.localise(
+      map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
+  if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
+  for (const Place& place : relocaliser_.search(map, segment().views, *view)) {
+    const Localisation seen = localiser_.pose_from_matches(map, place.matches, view->frame);
+    if (seen.ok && take_up(view, place.keyframe, seen.rig_from_world)) return true;
   }
   frames_[view->frame].reason = "track lost: " + segment().end_reason;
   return false;
+}
+
+// Track again from a key frame and a first pose of the view; false, where the view does not see what it
+// should.
+bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world) {
+  const Map& map = segment().map;
+  const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
+  Localisation pose =
+      localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
+  if (!recognised(pose, options_)) return false;
+  tell(Event::Level::kInfo,
+       fmt::format("track found again at frame {} in key frame {}", view->frame, keyframe));
+  starter_.emplace(rig_, options_);
+  segment().end_reason = "end of input";
+  set_anchor(keyframe);
+  accept(view, std::move(pose));
+  return true;
 }
 
 Reconstruction Odometry::finish(bool final_global) {

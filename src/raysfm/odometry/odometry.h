@@ -10,6 +10,7 @@
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/odometry/options.h"
+#include "raysfm/odometry/relocaliser.h"
 #include "raysfm/odometry/starter.h"
 #include "raysfm/scene/reconstruction.h"
 
@@ -25,7 +26,7 @@ struct OdometryTimings {
 //   3. when too little is matched or the pose is too uncertain, the view before becomes a key frame: new
 //   points,
 //      local adjustment.
-// Where track is lost, recent key frames are searched for again while a new segment tries to start.
+// Where track is lost, the key frames are searched for again while a new segment tries to start.
 class Odometry {
  public:
   // Valid options; the views hold an image of each camera of the rig.
@@ -82,6 +83,7 @@ class Odometry {
   Localisation localise(const View& view);
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
+  bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
   bool needs_keyframe(int frame, const Localisation& pose) const;
   double promote(const ViewPtr& view, const Localisation& pose);
   void rescale_frames(int segment, double factor);
@@ -92,6 +94,7 @@ class Odometry {
   void settle_frames_of(int keyframe);
   void lose(const ViewPtr& view, const std::string& reason);
   void forget_old_views();
+  void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
   double hand_over_map(int number, Reconstruction* out) const;
   int hand_over_summary(int number, Reconstruction* out) const;
@@ -104,6 +107,7 @@ class Odometry {
   EventSink events_;
   Localiser localiser_;
   Mapper mapper_;
+  Relocaliser relocaliser_;  // of the newest segment
   std::optional<Starter> starter_;
   std::vector<SegmentState> segments_;
   std::deque<FrameRecord> frames_;

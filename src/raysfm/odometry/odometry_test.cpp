@@ -244,6 +244,20 @@ TEST(Odometry, FindsTrackAgainAfterAGap) {
   expect_small_error(r, input, 0, 0);
 }
 
+// The camera comes back to where it was long before.
+TEST(Odometry, FindsTrackAgainAtAnOldPlace) {
+  Input input = one_scene(board());
+  input.add_black(4);
+  for (int i = 4; i <= 16; ++i) input.add(board(), i, 0);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = 0; i < input.size(); ++i) {
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), input.scene[i] >= 0) << i << r.frames[i].reason;
+  }
+  expect_small_error(r, input, 0, 0);
+}
+
 // Never two worlds in one segment, with and without a gap between them.
 class TwoScenesTest : public testing::TestWithParam<int> {};
 

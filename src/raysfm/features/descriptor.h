@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "raysfm/features/octaves.h"
+
+namespace raysfm {
+
+// What a corner looks like, in 32 bytes that outlive its image: 256 comparisons of two smoothed intensities
+// each, in a pattern that turns with the picture (Rublee et al., ORB, 2011, with another pattern).
+struct Descriptor {
+  std::array<uint64_t, 4> bits = {};
+};
+
+// Number of comparisons that come out differently.
+inline int distance(const Descriptor& a, const Descriptor& b) {
+  int sum = 0;
+  for (int i = 0; i < 4; ++i) sum += std::popcount(a.bits[i] ^ b.bits[i]);
+  return sum;
+}
+
+// Descriptors of some of a list of corners.
+struct DescriptorSet {
+  std::vector<int> corners;  // index of the corner, ascending
+  std::vector<Descriptor> descriptors;
+
+  int size() const { return static_cast<int>(corners.size()); }
+};
+
+// Describes corners. The result depends on the picture and the corners alone, bit by bit on every instruction
+// set. Owns its scratch memory: one describer serves one thread at a time.
+class Describer {
+ public:
+  // `pixels` of the image as taken, with the octaves that the corners were found in; both have one size.
+  // Corners too near to the border have no descriptor.
+  void describe(const Octaves& picture, std::span<const Eigen::Vector2f> pixels,
+                std::span<const uint8_t> octaves, DescriptorSet* out);
+
+ private:
+  const GrayImage& smooth(const Octaves& picture, int octave);
+
+  std::vector<GrayImage> smooth_;  // by octave, with margins; empty until asked for
+  GrayImage once_, twice_;
+};
+
+struct DescriptorMatch {
+  int query = -1;
+  int train = -1;
+  int distance = 0;
+};
+
+// Each query with the train descriptor nearest to it, where it is the nearest query to that one and nearer
+// than `max_ratio` times the second nearest train descriptor. In the order of the queries; ties go to the
+// lower index.
+void match_descriptors(std::span<const Descriptor> query, std::span<const Descriptor> train, float max_ratio,
+                       std::vector<DescriptorMatch>* matches);
+
+}  // namespace raysfm

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "raysfm/features/descriptor.h"
+#include "raysfm/odometry/localiser.h"
+#include "raysfm/odometry/view.h"
+#include "raysfm/scene/map.h"
+
+namespace raysfm {
+
+// A key frame that may show what a view shows: its points where the view's corners look alike.
+struct Place {
+  int keyframe = -1;
+  std::vector<TrackPixel> matches;  // many are wrong
+};
+
+// Recognises places seen from a key frame of any age, from any side that leaves them a likeness: descriptors
+// of some points of every key frame of a segment, 36 bytes each, at most kPointsPerCamera a camera, so that a
+// key frame takes up to 11 kB with one camera. Owns scratch memory.
+class Relocaliser {
+ public:
+  // The next key frame of the map, whose images the view has.
+  void add_keyframe(const Map& map, const View& view);
+
+  // A key frame's features have moved: feature f to new_index_of_feature[f], nowhere where that is < 0.
+  void forget_features(int keyframe, std::span<const int> new_index_of_feature);
+
+  // For a new segment.
+  void clear();
+
+  // The likeliest places of a view, best first. Looks at no more than kKeyFramesPerSearch key frames, spread
+  // evenly over all of which there are images, others at the next call.
+  std::vector<Place> search(const Map& map, std::span<const KeyFrameView> views, const View& view);
+
+ private:
+  struct Keyframe {
+    std::vector<int> features;  // of the map's key frame
+    std::vector<Descriptor> descriptors;
+  };
+
+  Place match(const Map& map, int keyframe, const View& view) const;
+  void describe(const View& view);
+
+  std::vector<Keyframe> keyframes_;
+  Describer describer_;
+  // Of the view searched for: descriptors, and the corner of a camera that each belongs to.
+  std::vector<Descriptor> descriptors_;
+  std::vector<std::pair<int, int>> corners_;
+  int phase_ = 0;
+};
+
+}  // namespace raysfm
