@@ -49,15 +49,24 @@ void for_each_source(std::span<const KeyFrameView> views, std::span<const PatchQ
       [&](const PatchQuery& q) { return std::pair(q.keyframe, views[q.keyframe].cameras[q.feature]); }, f);
 }
 
+Eigen::Vector3d point_on_ray(const KeyFrameView& keyframe, int feature, double distance) {
+  return keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
+}
+
 }  // namespace
 
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query) {
-  const Eigen::Vector3d point =
-      keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
+  const Eigen::Vector3d point = target_from_source * point_on_ray(keyframe, feature, distance);
+  return predict_patch(rig, keyframe, feature, distance, target, target_from_source, point, view, query);
+}
+
+bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                   int target, const Rigid3& target_from_source, const Eigen::Vector3d& point_in_target,
+                   const CameraView& view, PatchQuery* query) {
   Eigen::Vector2d pixel;
   Eigen::Matrix<double, 2, 3> projection;
-  if (!rig.see(target, target_from_source * point, &pixel, &projection)) return false;
+  if (!rig.see(target, point_in_target, &pixel, &projection)) return false;
   const Eigen::Matrix2d target_from_patch =
       projection *
       (target_from_source.rotation.toRotationMatrix() * keyframe.ray_jacobians[feature].cast<double>()) *
@@ -84,7 +93,9 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
   const Eigen::Vector2d pixel = keyframe.pixels[query->feature].cast<double>();
   // Offsets of the patch that a circle of the target's octave comes from.
   const Eigen::Matrix2d offsets = std::sqrt(kPatchMoment) * query->keyframe_from_target.cast<double>();
-  Eigen::Vector2d bend = Eigen::Vector2d::Zero();
+  Eigen::Vector2d centre, bend = Eigen::Vector2d::Zero();
+  const Eigen::Vector3d point = target_from_source * point_on_ray(keyframe, query->feature, distance);
+  if (!rig.find(query->camera, point, &centre)) return;
   for (const double side : {-1.0, 1.0}) {
     for (int axis = 0; axis < 2; ++axis) {
       Ray ray;
@@ -92,7 +103,7 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
       if (!camera.ray(pixel + side * offsets.col(axis), &ray)) return;
       if (!rig.find(query->camera, target_from_source * (ray.origin + distance * ray.direction), &seen))
         return;
-      bend += 0.5 * (seen - query->predicted.cast<double>());
+      bend += 0.5 * (seen - centre);
     }
   }
   query->bend = bend.cast<float>();

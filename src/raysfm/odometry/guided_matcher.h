@@ -31,6 +31,11 @@ struct PatchQuery {
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query);
 
+// The same for a point that is known to lie somewhat beside the ray, given in the target's frame.
+bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                   int target, const Rigid3& target_from_source, const Eigen::Vector3d& point_in_target,
+                   const CameraView& view, PatchQuery* query);
+
 // Fills the bend of a query that predict_patch() has just made: by how much the patch as a whole lies beside
 // its centre in the target, pixels, where lens and perspective deform it otherwise than linearly; the
 // alignment finds it there. Done for rigs alone: a hundredth of a pixel that goes with the turning of the rig

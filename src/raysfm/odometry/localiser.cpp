@@ -131,13 +131,10 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                      .point = static_cast<int>(i),
                      .radius = radius};
     if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source,
-                       view.cameras[camera], &query)) {
+                       cam_from_world * position, view.cameras[camera], &query)) {
       continue;
     }
     bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);
-    Eigen::Vector2d pixel;
-    if (!rig_.find(camera, cam_from_world * position, &pixel)) continue;
-    query.predicted = pixel.cast<float>();
     queries_.push_back(query);
   }
 }

@@ -23,6 +23,8 @@ constexpr float kSearchSlack = 3.0f;  // pixels of the octave
 // Parts of the image's width: of the search along the epipolar line, and of the features that tell the depth
 // of one without.
 constexpr float kMaxSearch = 0.05f, kNeighbourhood = 0.09f;
+// Cells that share a guess of the distance, in radii of the neighbourhood.
+constexpr float kPriorCell = 0.5f;
 
 // Guess of the distance of what a camera of a key frame sees, from the features that have one.
 class DistancePrior {
@@ -40,6 +42,10 @@ class DistancePrior {
       distances_.push_back(distance);
     }
     neighbourhood_ = kNeighbourhood * static_cast<float>(rig.camera(camera).width);
+    cell_ = kPriorCell * neighbourhood_;
+    columns_ = static_cast<int>(static_cast<float>(rig.camera(camera).width) / cell_) + 1;
+    const int rows = static_cast<int>(static_cast<float>(rig.camera(camera).height) / cell_) + 1;
+    in_cell_.assign(static_cast<size_t>(columns_) * rows, kNotYet);
     grid_.build(pixels, rig.camera(camera).width, rig.camera(camera).height);
     if (!distances_.empty()) near_ = distances_;
     overall_ = median_of(&near_);
@@ -47,16 +53,32 @@ class DistancePrior {
 
   // 0 where nothing is known.
   double at(const Eigen::Vector2f& pixel) {
+    const int rows = static_cast<int>(in_cell_.size()) / columns_;
+    const int column = std::clamp(static_cast<int>(pixel.x() / cell_), 0, columns_ - 1);
+    const int row = std::clamp(static_cast<int>(pixel.y() / cell_), 0, rows - 1);
+    double& distance = in_cell_[row * columns_ + column];
+    if (distance == kNotYet) {
+      distance =
+          about({(static_cast<float>(column) + 0.5f) * cell_, (static_cast<float>(row) + 0.5f) * cell_});
+    }
+    return distance;
+  }
+
+ private:
+  static constexpr double kNotYet = -1;
+
+  double about(const Eigen::Vector2f& pixel) {
     near_.clear();
     grid_.for_each_in(pixel, neighbourhood_, [&](int i) { near_.push_back(distances_[i]); });
     return near_.size() >= 3 ? median_of(&near_) : overall_;
   }
 
- private:
   FeatureGrid grid_;
   std::vector<double> distances_, near_;
   double overall_ = 0;
-  float neighbourhood_ = 0;  // pixels
+  float neighbourhood_ = 0, cell_ = 0;  // pixels
+  int columns_ = 0;
+  std::vector<double> in_cell_;
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <utility>
 
+#include "raysfm/camera/projection_inverse.h"
 #include "raysfm/image/pyramid.h"
 
 namespace raysfm {
@@ -165,7 +166,9 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
     Ray ray;
     // The jacobian shapes patches, it does not enter an estimate.
     Eigen::Matrix<double, 3, 2> jacobian;
-    if (!camera.ray(pixel, &ray) || !ray_jacobian(camera, pixel, &jacobian)) jacobian.setZero();
+    const bool seen = camera.ray(pixel, &ray) &&
+                      (invert_projection(camera, ray, &jacobian) || ray_jacobian(camera, pixel, &jacobian));
+    if (!seen) jacobian.setZero();
     out.origins[i] = ray.origin.cast<float>();
     out.directions[i] = ray.direction.cast<float>();
     out.ray_jacobians[i] = jacobian.cast<float>();
