@@ -133,6 +133,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
+  pose_copies(views);
 
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
   previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
@@ -189,6 +190,7 @@ void Odometry::pose_between(const Start& start, const WaitingView& waiting, int 
   const Map& map = segment().map;
   const Localisation seen =
       localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1], waiting.frame);
+  if (waiting.same_as >= 0) return;
   if (!waiting.view) {
     frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
     if (seen.ok) record(waiting.frame, seen, local.anchor);
@@ -223,7 +225,8 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
 void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int first_view) {
   Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
   const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
-  for (int i = first_view - 1; i >= 0 && views[i].view; --i) {
+  for (int i = first_view - 1; i >= 0; --i) {
+    if (!views[i].view) continue;
     Rigid3 pose;
     if (!pose_near(*views[i].view, local, velocity * next, false, &pose)) break;
     velocity = pose * next.inverse();
@@ -234,6 +237,22 @@ void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int fi
     if (frame.segment < 0 && frame.reason.empty()) {
       frame.reason = fmt::format("before the start at frame {}", segment().map.keyframes[0].frame);
     }
+  }
+}
+
+// Views that show the same as an earlier one have its pose.
+void Odometry::pose_copies(const std::vector<WaitingView>& views) {
+  for (const WaitingView& copy : views) {
+    if (copy.same_as < 0) continue;
+    const FrameRecord& original = frames_[views[copy.same_as].frame];
+    FrameRecord& frame = frames_[copy.frame];
+    if (frame.segment >= 0 || original.segment + 1 != static_cast<int>(segments_.size())) continue;
+    ++posed_;
+    frame.segment = original.segment;
+    frame.keyframe = original.keyframe;
+    frame.rig_from_keyframe = original.rig_from_keyframe;
+    frame.covariance = original.covariance;
+    frame.reason.clear();
   }
 }
 

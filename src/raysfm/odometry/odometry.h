@@ -75,6 +75,7 @@ class Odometry {
   void begin_segment(Start start, const std::vector<WaitingView>& views);
   void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
   void pose_earlier_frames(const std::vector<WaitingView>& views, int first_view);
+  void pose_copies(const std::vector<WaitingView>& views);
   bool pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
                  Rigid3* rig_from_world);
   void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);

@@ -7,17 +7,15 @@
 namespace raysfm {
 namespace {
 
-constexpr int kPointsPerCamera = 300;    // of a key frame that are described
-constexpr int kKeyFramesPerSearch = 12;  // each costs as much as matching its points with all corners
-constexpr int kPlaces = 3;               // that are worth a closer look
-constexpr int kMinMatches = 20;          // no pose comes from fewer
-constexpr float kMaxRatio = 0.85f;       // of the distances to the nearest corner and to the next
+constexpr int kPlaces = 3;          // that are worth a closer look
+constexpr int kMinMatches = 20;     // no pose comes from fewer
+constexpr float kMaxRatio = 0.85f;  // of the distances to the nearest corner and to the next
 
 // The features of one camera that have a position, the best supported of each cell of the image first, then
 // the second best, and so on; in the order of the key frame.
 std::vector<int> choose_features(const Map& map, const MapKeyFrame& keyframe, int camera,
                                  const CameraView& view) {
-  const double cell = std::sqrt(2.0 * view.width * view.height / kPointsPerCamera);
+  const double cell = std::sqrt(2.0 * view.width * view.height / kDescribedPoints);
   struct Candidate {
     int place_in_cell, feature;
   };
@@ -39,7 +37,7 @@ std::vector<int> choose_features(const Map& map, const MapKeyFrame& keyframe, in
   }
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.place_in_cell < b.place_in_cell; });
-  candidates.resize(std::min<size_t>(candidates.size(), kPointsPerCamera));
+  candidates.resize(std::min<size_t>(candidates.size(), kDescribedPoints));
   std::vector<int> features;
   for (const Candidate& c : candidates) features.push_back(c.feature);
   std::sort(features.begin(), features.end());
@@ -116,13 +114,12 @@ Place Relocaliser::match(const Map& map, int keyframe, const View& view) const {
 std::vector<Place> Relocaliser::search(const Map& map, std::span<const KeyFrameView> views,
                                        const View& view) {
   describe(view);
-  int oldest = static_cast<int>(keyframes_.size());
+  const int end = static_cast<int>(keyframes_.size());
+  int oldest = end;
   while (oldest > 0 && views[oldest - 1].view) --oldest;
-  const int stride =
-      (static_cast<int>(keyframes_.size()) - oldest + kKeyFramesPerSearch - 1) / kKeyFramesPerSearch;
+  const int stride = std::max(1, (end - oldest + kKeyFramesPerSearch - 1) / kKeyFramesPerSearch);
   std::vector<Place> places;
-  for (int k = oldest + (stride > 0 ? phase_++ % stride : 0); k < static_cast<int>(keyframes_.size());
-       k += stride) {
+  for (int k = oldest + phase_++ % stride; k < end; k += stride) {
     Place place = match(map, k, view);
     if (static_cast<int>(place.matches.size()) >= kMinMatches) places.push_back(std::move(place));
   }

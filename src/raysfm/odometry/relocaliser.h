@@ -16,9 +16,12 @@ struct Place {
   std::vector<TrackPixel> matches;  // many are wrong
 };
 
+constexpr int kDescribedPoints = 300;    // of a key frame, for one camera
+constexpr int kKeyFramesPerSearch = 12;  // each costs the matching of its points with all corners
+
 // Recognises places seen from a key frame of any age, from any side that leaves them a likeness: descriptors
-// of some points of every key frame of a segment, 36 bytes each, at most kPointsPerCamera a camera, so that a
-// key frame takes up to 11 kB with one camera. Owns scratch memory.
+// of up to kDescribedPoints points of every key frame of a segment, 36 bytes each, 11 kB for a key frame of
+// one camera. Owns scratch memory.
 class Relocaliser {
  public:
   // The next key frame of the map, whose images the view has.
@@ -31,7 +34,7 @@ class Relocaliser {
   void clear();
 
   // The likeliest places of a view, best first. Looks at no more than kKeyFramesPerSearch key frames, spread
-  // evenly over all of which there are images, others at the next call.
+  // evenly over the newest of which there are images, and at others in the next call.
   std::vector<Place> search(const Map& map, std::span<const KeyFrameView> views, const View& view);
 
  private:

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "raysfm/core/median.h"
@@ -24,11 +25,11 @@ constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where t
 // farther for another try.
 constexpr int kPatience = 15, kBetweenTries = 5;
 constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
-// Views whose images are kept while they wait: when there are more, every second of the older ones goes.
-constexpr size_t kKeptViews = 40, kNewViews = 8;
-constexpr int kEarlierViews = 20;  // kept before the first of the attempt
-constexpr int kSeenCorners = 120;  // that stand for a released view, of each camera
-constexpr float kStill = 0.3f;     // pixels of the octave
+// What the images of waiting views may take: when they take more, every second of the older ones goes.
+constexpr size_t kWaitingBytes = size_t{56} << 20, kNewViews = 8;
+constexpr int kSeenCorners = 400;  // that stand for a released view, of each camera
+constexpr float kStill = 0.3f,
+                kAlike = 0.99f;  // pixels of the octave, and correlation, of views that are copies
 // An image this much softer than one just before it is no good for a key frame.
 constexpr float kMuchSofter = 1.25f;
 
@@ -36,6 +37,26 @@ std::vector<PairTracker> trackers_from(const ViewPtr& view) {
   std::vector<PairTracker> trackers;
   for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) trackers.emplace_back(view, c);
   return trackers;
+}
+
+size_t bytes_of(const View& view) {
+  size_t bytes = 0;
+  for (const CameraView& camera : view.cameras) {
+    for (const GrayView& image : camera.octaves->views()) bytes += image.stride * image.height;
+    bytes += size_t{kPatchStride} * camera.patches.size();
+  }
+  return bytes;
+}
+
+// Whether nothing has moved between two views, as far as their thumbnails tell.
+bool show_the_same(const View& a, const View& b) {
+  for (size_t c = 0; c < a.cameras.size(); ++c) {
+    const CoarseMotion motion = coarse_motion(a.cameras[c], b.cameras[c]);
+    const float still = kStill * octave_side(b.cameras[c].first_octave());
+    const float turned = 0.5f * static_cast<float>(b.cameras[c].width) * std::abs(motion.angle);
+    if (motion.zncc < kAlike || motion.shift.norm() > still || turned > still) return false;
+  }
+  return true;
 }
 
 const char* name_of(GenericStartMethod method) {
@@ -77,7 +98,6 @@ void Starter::restart(int first) {
   second_ = -1;
   next_ = first + 1;
   tried_at_ = 0;
-  last_seen_.reset();
   from_first_ = trackers_from(views_[first].view);
   from_second_.clear();
 }
@@ -90,7 +110,7 @@ int Starter::advance(std::vector<PairTracker>& trackers, const ViewPtr& view) {
 }
 
 std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
-  views_.push_back({view->frame, view, nullptr});
+  views_.push_back({view->frame, view, -1, {}});
   if (views_.size() == 1) restart(0);
   while (next_ < static_cast<int>(views_.size())) {
     if (auto start = step(mapper)) return start;
@@ -134,18 +154,6 @@ int Starter::sharpest_until(int view, int after) const {
   return best;
 }
 
-// Whether the corners seen before have not moved in the k-th view after the first.
-bool Starter::shows_the_same(const std::vector<SeenCorner>& seen, int k) const {
-  std::vector<float> moved;
-  for (const SeenCorner& s : seen) {
-    const std::vector<int>& matches = from_first_[s.camera].matches(k);
-    if (matches[s.corner] < 0) continue;
-    const Features& features = views_[first_ + 1 + k].view->cameras[s.camera].features;
-    moved.push_back((features.pixels[matches[s.corner]] - s.pixel).norm() / octave_side(s.octave));
-  }
-  return 2 * moved.size() >= seen.size() && median_of(&moved) < kStill;
-}
-
 // At most so many in each camera, evenly over the corners of the first view.
 std::vector<SeenCorner> Starter::seen_corners(int k, int most) const {
   std::vector<SeenCorner> seen;
@@ -166,27 +174,40 @@ std::vector<SeenCorner> Starter::seen_corners(int k, int most) const {
   return seen;
 }
 
-void Starter::release(int view) {
+void Starter::release(int view, int same_as) {
   const int k = view - first_ - 1;
+  views_[view].same_as = same_as;
+  if (same_as < 0 && k >= 0) views_[view].seen = seen_corners(k, kSeenCorners);
   if (k >= 0) {
-    if (!last_seen_ || !shows_the_same(*last_seen_, k)) {
-      last_seen_ = std::make_shared<const std::vector<SeenCorner>>(seen_corners(k, kSeenCorners));
-    }
-    views_[view].seen = last_seen_;
     for (PairTracker& tracker : from_first_) tracker.release(k);
   }
   views_[view].view.reset();
 }
 
+// Copies go first, then every second of the rest; never the newest, nor those that a start would be made of.
 void Starter::release_views() {
-  for (int v = first_ - kEarlierViews - 1; v >= 0 && views_[v].view; --v) release(v);
   std::vector<int> kept;
-  for (int v = first_ + 1; v < next_; ++v) {
-    if (views_[v].view) kept.push_back(v);
+  size_t bytes = 0;
+  for (int v = 0; v < next_; ++v) {
+    if (!views_[v].view) continue;
+    kept.push_back(v);
+    bytes += bytes_of(*views_[v].view);
   }
-  if (kept.size() <= kKeptViews) return;
-  for (size_t i = 1; i + kNewViews < kept.size(); i += 2) {
-    if (kept[i] != second_) release(kept[i]);
+  if (bytes <= kWaitingBytes) return;
+  size_t rest = std::min<size_t>(1, kept.size());
+  for (size_t i = 1; i < kept.size(); ++i) {
+    const int v = kept[i], before = kept[rest - 1];
+    const bool needed = v == first_ || v == second_ || i + kNewViews >= kept.size();
+    if (!needed && show_the_same(*views_[before].view, *views_[v].view)) {
+      bytes -= bytes_of(*views_[v].view);
+      release(v, before);
+    } else {
+      kept[rest++] = v;
+    }
+  }
+  kept.resize(rest);
+  for (size_t i = 1; bytes > kWaitingBytes && i + kNewViews < kept.size(); i += 2) {
+    if (kept[i] != first_ && kept[i] != second_) release(kept[i], -1);
   }
 }
 
@@ -384,9 +405,9 @@ void Starter::collect_seen(const std::vector<Match>& match_of_track, Start* star
   for (int k = 0; k < from_first_[0].views(); ++k) {
     const WaitingView& view = views_[first_ + 1 + k];
     const std::vector<SeenCorner> corners =
-        view.view ? seen_corners(k, std::numeric_limits<int>::max()) : std::vector<SeenCorner>();
+        view.view ? seen_corners(k, std::numeric_limits<int>::max()) : view.seen;
     std::vector<TrackPixel>& seen = start->seen.emplace_back();
-    for (const SeenCorner& s : view.seen ? *view.seen : corners) {
+    for (const SeenCorner& s : corners) {
       const int track = track_of_corner[s.camera][s.corner];
       if (track >= 0) seen.push_back({track, s.camera, s.octave, s.pixel});
     }

@@ -33,12 +33,13 @@ struct SeenCorner {
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
-// A view that waits for a start. Where too many wait, its images are released, and what it saw of some
-// corners stands for it; views in which nothing moves share that.
+// A view that waits for a start. Where too many wait, images are released: what the view saw of some corners
+// then stands for it, or another view that shows the same.
 struct WaitingView {
   int frame = 0;
-  ViewPtr view;                                         // null once released
-  std::shared_ptr<const std::vector<SeenCorner>> seen;  // once released; null for views before the first
+  ViewPtr view;                  // null once released
+  int same_as = -1;              // index of an earlier view, once released as a copy of it
+  std::vector<SeenCorner> seen;  // once released otherwise; empty for views before the first
 };
 
 // Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
@@ -48,7 +49,7 @@ class Starter {
   Starter(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Every view of the attempt so far, oldest first; those before the first key frame of a start included. The
-  // memory that they take does not grow with their number.
+  // memory of their images is bounded.
   const std::vector<WaitingView>& views() const { return views_; }
 
   // Takes the next view. A start, or nothing yet.
@@ -67,8 +68,7 @@ class Starter {
   int kept_near(int view) const;
   int sharpest_until(int view, int after) const;
   void release_views();
-  void release(int view);
-  bool shows_the_same(const std::vector<SeenCorner>& seen, int k) const;
+  void release(int view, int same_as);
   std::optional<Start> step(Mapper& mapper);
   std::optional<Start> attempt(int second, int third, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
@@ -99,12 +99,11 @@ class Starter {
   GuidedMatcher matcher_;
   AcrossMatcher across_;
   std::vector<WaitingView> views_;
-  std::shared_ptr<const std::vector<SeenCorner>> last_seen_;  // of the view released last
-  float tried_at_ = 0;                                        // displacement at the last try, pixels
-  int first_ = 0;                                             // index of I1 in views_
-  int second_ = -1;                                           // index of I2, -1 while not chosen
-  int next_ = 0;                                              // first view that the trackers have not seen
-  std::vector<PairTracker> from_first_, from_second_;         // one for each camera
+  float tried_at_ = 0;                                 // displacement at the last try, pixels
+  int first_ = 0;                                      // index of I1 in views_
+  int second_ = -1;                                    // index of I2, -1 while not chosen
+  int next_ = 0;                                       // first view that the trackers have not seen
+  std::vector<PairTracker> from_first_, from_second_;  // one for each camera
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;
