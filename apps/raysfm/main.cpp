@@ -63,8 +63,8 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // Large images come and go with every frame while small things stay: in one heap they would leave holes of their
-  // size, 400 MiB of them over 40 panoramas of 29 megapixels.
+  // Large images come and go with every frame while small things stay: in one heap they would leave holes of
+  // their size, 400 MiB of them over 40 panoramas of 29 megapixels.
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   try {
     return run(argc, argv);

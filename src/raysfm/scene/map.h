@@ -23,7 +23,7 @@ struct Track {
   bool triangulated = false;
   std::array<uint8_t, 3> rgb = {128, 128, 128};
   std::vector<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
-  bool had_position = false;  // frames may refer to it even where it has none now
+  bool had_position = false;                   // frames may refer to it even where it has none now
 };
 
 // A key frame of the map; the arrays run over its features.
