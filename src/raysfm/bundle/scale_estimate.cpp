@@ -14,7 +14,9 @@ using Core = BundleCore<6>;
 
 constexpr double kHold = 1e4;  // weight that makes the normal equations regular where nothing tells the scale
 constexpr double kLeastPart = 1e-9;  // of kHold: what rounding leaves of an information that is not there
-constexpr double kMostRatio = 4;
+// How far one linearisation is believed, in the scale and in its inverse: towards a smaller scale, which is
+// towards where the origins of the rays matter, nothing is extrapolated that is not linear.
+constexpr double kMostRatio = 4, kMostInverse = 1000;
 
 Eigen::Vector3d origin(const Rigid3& rig_from_world) {
   return rig_from_world.inverse().translation;
@@ -150,7 +152,7 @@ class Estimator {
     const double sigma2 = 2 * cost / std::max(1, 2 * core_.used() - unknowns);
     const double sigma = std::sqrt(std::max(sigma2 * variance, squares));
     // Of the scale's inverse, in which all is nearly linear, a part `step` is too much.
-    const double inverse = std::clamp(1 - step, 1 / kMostRatio, kMostRatio);
+    const double inverse = std::clamp(1 - step, 1 / kMostRatio, kMostInverse);
     return {1 / inverse, sigma / inverse};
   }
 

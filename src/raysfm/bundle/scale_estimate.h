@@ -9,7 +9,7 @@ namespace raysfm {
 // What the observations say of the scale of a world: that of the trajectory, as a similarity fits it.
 struct ScaleEstimate {
   double ratio =
-      1;  // of the scale of least cost to the present one, everything else adjusted; within [1/4, 4]
+      1;  // of the scale of least cost to the present one, everything else adjusted; within [1/1000, 4]
   double sigma = 0;  // standard deviation of the logarithm of the former
 };
 

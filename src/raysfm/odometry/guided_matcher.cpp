@@ -88,7 +88,7 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
 void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
                 const Rigid3& target_from_source, PatchQuery* query) {
   query->bend.setZero();
-  if (rig.size() < 2) return;
+  if (rig.central()) return;
   const Camera& camera = rig.camera(keyframe.cameras[query->feature]);
   const Eigen::Vector2d pixel = keyframe.pixels[query->feature].cast<double>();
   // Offsets of the patch that a circle of the target's octave comes from.

@@ -38,8 +38,8 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
 
 // Fills the bend of a query that predict_patch() has just made: by how much the patch as a whole lies beside
 // its centre in the target, pixels, where lens and perspective deform it otherwise than linearly; the
-// alignment finds it there. Done for rigs alone: a hundredth of a pixel that goes with the turning of the rig
-// is a tenth of its scale where the cameras are 3 cm apart.
+// alignment finds it there. Done where rays have different origins alone: a hundredth of a pixel that goes
+// with the turning of the rig is a tenth of its scale where the cameras are 3 cm apart.
 void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
                 const Rigid3& target_from_source, PatchQuery* query);
 

@@ -8,8 +8,10 @@
 namespace raysfm {
 namespace {
 
-constexpr double kHold = 1e4;  // weight of the prior
-constexpr double kTold = 0.2;  // stated sigma below which a measurement replaces the guess
+constexpr double kHold = 1e4;         // weight of the prior
+constexpr double kTold = 0.2;         // stated sigma below which a scale counts as told
+constexpr double kBetter = 0.5;       // sigma below which a measurement is better than the guess of a start
+constexpr double kContradiction = 3;  // standard deviations of the inverse of the scale
 // Factor to the standard deviation that the observations show: surfaces that do not face the camera, and the
 // light on them, shift a patch for as long as it is followed. The rendered films of docs/results/rig_scale.md
 // need about 1.2; the rest is for real ones.
@@ -24,6 +26,13 @@ double stated(double sigma) {
   return std::hypot(kUnmodelled * sigma, kCalibration);
 }
 
+// Whether the observations contradict the present scale, though they do not tell a better one well: a guess
+// far too large makes a camera of many viewpoints one of a single viewpoint, and bends the world.
+bool is_far_off(const ScaleEstimate& found) {
+  const double inverse = 1 / found.ratio;
+  return std::abs(inverse - 1) > kContradiction * found.sigma * inverse;
+}
+
 }  // namespace
 
 void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundleProblem* problem) {
@@ -35,8 +44,8 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
 void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAdjuster& adjuster, Map* map) {
   const std::optional<ScaleEstimate> found = estimate_scale(problem, options);
   map->scale_sigma = INFINITY;
-  if (!found || !(stated(found->sigma) < kTold)) return;
-  map->scale_sigma = stated(found->sigma);
+  if (!found || !(found->sigma < kBetter || is_far_off(*found))) return;
+  if (stated(found->sigma) < kTold) map->scale_sigma = stated(found->sigma);
   const double step = std::abs(std::log(found->ratio));
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
@@ -49,7 +58,7 @@ void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAd
     problem.scale_prior = {last, 0, distance, kHold};
     const ScaleSearch searched = search_scale(adjuster, problem, options);
     ratio = searched.distance / distance;
-    map->scale_sigma = stated(searched.sigma);
+    map->scale_sigma = stated(searched.sigma) < kTold ? stated(searched.sigma) : INFINITY;
   }
   map->rescaled *= ratio;
   map->guessed_distance *= ratio;
