@@ -64,9 +64,9 @@ struct StartSummary {
 
 struct Reconstruction {
   Rig rig;
-  bool metric_scale = false;          // of the segment with most posed frames
-  std::optional<double> scale_sigma;  // likewise
-  std::vector<PosedFrame> frames;     // one per frame of the input, in time order
+  bool metric_scale = false;                         // of the segment with most posed frames
+  std::optional<double> scale_sigma = std::nullopt;  // likewise
+  std::vector<PosedFrame> frames;                    // one per frame of the input, in time order
   std::vector<KeyFrame> keyframes;
   std::vector<Observation> observations;
   std::vector<MapPoint> points;
