@@ -62,7 +62,7 @@ inline Reconstruction small_reconstruction(const std::vector<CameraModel>& model
     keyframe.last_observation = static_cast<int>(r.observations.size());
     r.keyframes.push_back(keyframe);
   }
-  r.segments.push_back({0, 11, "end of input"});
+  r.segments.push_back({0, 11, "end of input", false, {}});
   r.starts.push_back({"five-point", {0, 3, 6}, 87});
   r.rms_reprojection_px = 0.25;
   return r;

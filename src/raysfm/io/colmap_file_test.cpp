@@ -144,7 +144,7 @@ TEST_F(ColmapFile, AnalyzerOpensIt) {
 
 TEST_F(ColmapFile, HoldsTheSegmentWithMostKeyFrames) {
   Reconstruction r = small_reconstruction({kPinhole});
-  r.segments = {{0, 2, "lost"}, {3, 11, "end of input"}};
+  r.segments = {{0, 2, "lost", false, {}}, {3, 11, "end of input", false, {}}};
   for (int i = 3; i < 12; ++i) {
     if (r.frames[i].world_from_rig) r.frames[i].segment = 1;
   }
