@@ -12,8 +12,10 @@ namespace {
 
 using Core = BundleCore<6>;
 
-constexpr double kHold = 1e4;  // weight that makes the normal equations regular where nothing tells the scale
-constexpr double kLeastPart = 1e-9;  // of kHold: what rounding leaves of an information that is not there
+constexpr double kRegularising =
+    1e4;  // weight that makes the normal equations regular where nothing tells the scale
+constexpr double kLeastPart =
+    1e-9;  // of kRegularising: what rounding leaves of an information that is not there
 // How far one linearisation is believed, in the scale and in its inverse: towards a smaller scale, which is
 // towards where the origins of the rays matter, nothing is extrapolated that is not linear.
 constexpr double kMostRatio = 4, kMostInverse = 1000;
@@ -37,7 +39,7 @@ OriginGradient log_scale(const BundleProblem& problem) {
 // The pose farthest from one that stays.
 ScalePrior hold(const BundleProblem& problem) {
   const auto is_free = [&](int i) { return problem.pose_is_free[i] != 0; };
-  ScalePrior prior{.pose = -1, .from = 0, .distance = 0, .weight = kHold};
+  ScalePrior prior{.pose = -1, .from = 0, .distance = 0, .weight = kRegularising};
   const int count = static_cast<int>(problem.rig_from_world.size());
   while (prior.from < count && is_free(prior.from)) ++prior.from;
   if (prior.from == count) return prior;
@@ -71,9 +73,9 @@ class Estimator {
     const OriginGradient held = log_distance(problem_), wanted = log_scale(problem_);
     if (!solve(held)) return std::nullopt;
     // Of the inverse of H + w p p^T to that of H, p the gradient of what is held (Sherman and Morrison).
-    const double part = 1 - kHold * along(held);  // I / (I + w), I the information about what is held
+    const double part = 1 - kRegularising * along(held);  // I / (I + w), I the information about what is held
     if (!(part > kLeastPart)) return std::nullopt;
-    if (!solve(wanted + held * (kHold * along(wanted) / part))) return std::nullopt;
+    if (!solve(wanted + held * (kRegularising * along(wanted) / part))) return std::nullopt;
     const double variance = along(wanted);
     if (!(variance > 0)) return std::nullopt;
     return judge(cost, variance);

@@ -7,9 +7,9 @@
 namespace raysfm {
 namespace {
 
-constexpr int kPlaces = 3;          // that are worth a closer look
-constexpr int kMinMatches = 20;     // no pose comes from fewer
-constexpr float kMaxRatio = 0.85f;  // of the distances to the nearest corner and to the next
+constexpr int kPlaces = 3;            // that are worth a closer look
+constexpr int kMinPlaceMatches = 20;  // no pose comes from fewer
+constexpr float kMaxRatio = 0.85f;    // of the distances to the nearest corner and to the next
 
 // The features of one camera that have a position, the best supported of each cell of the image first, then
 // the second best, and so on; in the order of the key frame.
@@ -121,7 +121,7 @@ std::vector<Place> Relocaliser::search(const Map& map, std::span<const KeyFrameV
   std::vector<Place> places;
   for (int k = oldest + phase_++ % stride; k < end; k += stride) {
     Place place = match(map, k, view);
-    if (static_cast<int>(place.matches.size()) >= kMinMatches) places.push_back(std::move(place));
+    if (static_cast<int>(place.matches.size()) >= kMinPlaceMatches) places.push_back(std::move(place));
   }
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.matches.size() > b.matches.size(); });
