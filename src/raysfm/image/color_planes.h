@@ -25,4 +25,7 @@ struct ColorPlanes {
   std::array<uint8_t, 3> at(int x, int y, uint8_t grey) const;
 };
 
+// 0.299 R + 0.587 G + 0.114 B of `colors.rgb`, which is not empty, rounded.
+GrayImage gray_of(const ColorPlanes& colors);
+
 }  // namespace raysfm

@@ -19,7 +19,4 @@ inline constexpr int64_t kMaxImagePixels = int64_t{1} << 29;
 // What every decoder asks before it makes room for pixels. Errors: bad input, without the name of the file.
 Result<void> check_image_size(int64_t width, int64_t height);
 
-// 0.299 R + 0.587 G + 0.114 B of `colors.rgb`, rounded.
-GrayImage gray_of(const ColorPlanes& colors);
-
 }  // namespace raysfm
