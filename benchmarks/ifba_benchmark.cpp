@@ -17,10 +17,10 @@
 #include <vector>
 
 #include "line_chart.h"
-#include "raysfm/uncalibrated/next_instant.h"
+#include "raysfm/lenses/next_instant.h"
+#include "raysfm/lenses/triangular_factor.h"
 #include "raysfm/uncalibrated/reconstruct.h"
-#include "raysfm/uncalibrated/test_scenes.h"
-#include "raysfm/uncalibrated/triangular_factor.h"
+#include "support/test_scenes.h"
 
 namespace {
 

@@ -15,9 +15,9 @@
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/robust/generic_start.h"
 #include "raysfm/robust/rig_search.h"
-#include "raysfm/robust/rig_test_scenes.h"
 #include "raysfm/solvers/generalised_p3p.h"
 #include "raysfm/solvers/seventeen_point.h"
+#include "support/rig_test_scenes.h"
 
 #ifdef RAYSFM_HAVE_OPENGV
 #include <opengv/absolute_pose/NoncentralAbsoluteAdapter.hpp>

@@ -32,7 +32,7 @@ class CheckIncludes(unittest.TestCase):
         self.accepted("bundle/a.cpp", '#include "raysfm/scene/b.h"\n#include "raysfm/bundle/c.h"\n')
 
     def test_same_and_higher_floors_are_not(self):
-        self.refused("bundle/a.cpp", '\n#include "raysfm/robust/b.h"\n', "a.cpp:2: bundle (floor 4) includes robust")
+        self.refused("bundle/a.cpp", '\n#include "raysfm/robust/b.h"\n', "a.cpp:2: bundle (floor 5) includes robust")
         self.refused("core/a.h", '#include "raysfm/geometry/b.h"\n', "core (floor 0) includes geometry (floor 1)")
 
     def test_tests_may_use_other_folders(self):

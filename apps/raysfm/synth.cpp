@@ -16,7 +16,7 @@
 #include "raysfm/io/image_writer.h"
 #include "raysfm/synth/motion.h"
 #include "raysfm/synth/sequence.h"
-#include "raysfm/synth/world.h"
+#include "raysfm/worlds/world.h"
 #include "setting_flags.h"
 #include "synth_output.h"
 

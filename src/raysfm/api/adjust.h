@@ -31,6 +31,7 @@ struct AdjustSettings {
 // All settings but the input. The fields point into `settings`.
 std::vector<SettingField> setting_fields(AdjustSettings& settings);
 
+// What a caller hears while the adjustment runs; any may be left out.
 struct AdjustCallbacks {
   EventSink event;
   // Called once, when everything given has been found good and before the first iteration; an error ends the

@@ -40,6 +40,7 @@ struct SolveSettings {
 // All settings but the input. The fields point into `settings`.
 std::vector<SettingField> setting_fields(SolveSettings& settings);
 
+// What a caller hears while `solve` runs; any may be left out.
 struct SolveCallbacks {
   EventSink event;
   // Called once, when everything given has been found good; an error ends the run.
@@ -49,6 +50,7 @@ struct SolveCallbacks {
   const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
 };
 
+// One frame of the input, with its lens.
 struct SolvedFrame {
   double timestamp = 0;
   std::string image_name;
@@ -66,6 +68,7 @@ struct SolvedPoint {
   std::array<uint8_t, 3> rgb = {128, 128, 128};
 };
 
+// A point seen in a frame.
 struct SolvedObservation {
   int frame = 0;
   int point = 0;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "raysfm/api/solve.h"
-#include "raysfm/uncalibrated/point_tracks.h"
+#include "raysfm/lenses/point_tracks.h"
 
 namespace raysfm {
 

@@ -8,8 +8,8 @@
 
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/io/image_writer.h"
-#include "raysfm/uncalibrated/test_scenes.h"
 #include "support/temporary_folder.h"
+#include "support/test_scenes.h"
 
 namespace raysfm {
 namespace {

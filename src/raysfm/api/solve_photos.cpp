@@ -12,7 +12,7 @@
 #include "raysfm/core/median.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/photo_features.h"
-#include "raysfm/uncalibrated/view_pair.h"
+#include "raysfm/projective/view_pair.h"
 
 namespace raysfm {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "raysfm/io/colmap_model.h"
 #include "raysfm/io/text_file.h"
-#include "raysfm/uncalibrated/test_scenes.h"
 #include "support/shared_data.h"
+#include "support/test_scenes.h"
 
 namespace raysfm {
 namespace {

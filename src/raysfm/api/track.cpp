@@ -5,7 +5,6 @@
 #include <algorithm>
 
 #include "raysfm/api/config.h"
-#include "raysfm/api/sight_mask.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/core/memory.h"
@@ -15,6 +14,7 @@
 #include "raysfm/io/image_file.h"
 #include "raysfm/odometry/extrinsics_check.h"
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/odometry/sight_mask.h"
 
 namespace raysfm {
 namespace {

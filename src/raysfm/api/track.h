@@ -32,12 +32,14 @@ struct TrackProgress {
   int posed = 0;
 };
 
+// What `track` gives.
 struct TrackResult {
   Reconstruction reconstruction;
   Report report;
   bool interrupted = false;
 };
 
+// What a caller hears while `track` runs; any may be left out.
 struct TrackCallbacks {
   EventSink event;
   // Called once, when everything given has been found good and before the first frame; an error ends the run.

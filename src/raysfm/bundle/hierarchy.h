@@ -4,6 +4,7 @@
 
 namespace raysfm {
 
+// What a hierarchical adjustment did.
 struct HierarchyResult {
   int iterations = 0;
   bool interrupted = false;

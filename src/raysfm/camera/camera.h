@@ -6,22 +6,23 @@
 #include <variant>
 #include <vector>
 
-#include "raysfm/camera/double_sphere.h"
-#include "raysfm/camera/equirectangular.h"
-#include "raysfm/camera/eucm.h"
-#include "raysfm/camera/kannala_brandt.h"
-#include "raysfm/camera/mirror.h"
-#include "raysfm/camera/ocam.h"
-#include "raysfm/camera/pinhole.h"
-#include "raysfm/camera/radtan.h"
-#include "raysfm/camera/rational.h"
-#include "raysfm/camera/ray_table.h"
-#include "raysfm/camera/unified.h"
 #include "raysfm/geometry/pose.h"
 #include "raysfm/geometry/ray.h"
+#include "raysfm/models/double_sphere.h"
+#include "raysfm/models/equirectangular.h"
+#include "raysfm/models/eucm.h"
+#include "raysfm/models/kannala_brandt.h"
+#include "raysfm/models/mirror.h"
+#include "raysfm/models/ocam.h"
+#include "raysfm/models/pinhole.h"
+#include "raysfm/models/radtan.h"
+#include "raysfm/models/rational.h"
+#include "raysfm/models/ray_table.h"
+#include "raysfm/models/unified.h"
 
 namespace raysfm {
 
+// Every model there is (models/model.h says what each has).
 using CameraModel = std::variant<Pinhole, Radtan, Rational, KannalaBrandt, Unified, DoubleSphere, Eucm, OCam,
                                  Equirectangular, Mirror, CentralRayTable, NonCentralRayTable>;
 

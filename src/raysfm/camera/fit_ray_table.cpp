@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "raysfm/camera/cubic_weights.h"
 #include "raysfm/camera/observed_ray.h"
+#include "raysfm/models/cubic_weights.h"
 
 namespace raysfm {
 namespace {

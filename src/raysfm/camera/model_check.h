@@ -3,7 +3,7 @@
 #include <optional>
 
 #include "raysfm/camera/camera.h"
-#include "raysfm/camera/model.h"
+#include "raysfm/models/model.h"
 
 namespace raysfm {
 

@@ -1,7 +1,7 @@
 // The property suite of camera models: every model of the variant that numbers describe passes it. Ray tables
 // have theirs in ray_table_test.cpp.
 
-#include "raysfm/camera/model.h"
+#include "raysfm/models/model.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "raysfm/camera/ray_table.h"
+#include "raysfm/models/ray_table.h"
 
 #include <gtest/gtest.h>
 

@@ -12,6 +12,7 @@ struct Event {
   std::string message;  // one line, without a full stop
 };
 
+// Whoever listens; empty: nobody.
 using EventSink = std::function<void(const Event&)>;
 
 // Where somebody listens and there is something to say.

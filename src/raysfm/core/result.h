@@ -56,6 +56,7 @@ class [[nodiscard]] Result {
   std::variant<T, Error> state_;
 };
 
+// Success, or the reason why not.
 template <>
 class [[nodiscard]] Result<void> {
  public:

@@ -7,6 +7,7 @@
 
 namespace raysfm {
 
+// The clock of all timings.
 using Clock = std::chrono::steady_clock;
 
 inline double milliseconds_since(Clock::time_point start) {

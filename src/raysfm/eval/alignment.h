@@ -7,6 +7,7 @@
 
 namespace raysfm {
 
+// What may be taken off before trajectories are compared.
 enum class Alignment { kSim3, kSe3, kNone };
 
 std::string_view alignment_name(Alignment alignment);  // "sim3", "se3" or "none"

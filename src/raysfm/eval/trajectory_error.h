@@ -13,6 +13,7 @@
 
 namespace raysfm {
 
+// Of distances, in units of the truth.
 struct ErrorStatistics {
   double rmse = 0;
   double mean = 0;
@@ -30,6 +31,7 @@ struct RelativeError {
   double rot_deg = 0;
 };
 
+// Indices of two poses of a trajectory, whose motion is compared.
 struct PosePair {
   int first = 0;
   int last = 0;
@@ -39,6 +41,7 @@ struct PosePair {
 RelativeError relative_error(std::span<const Rigid3> estimate, std::span<const Rigid3> truth,
                              std::span<const PosePair> pairs);
 
+// How trajectories are associated and aligned.
 struct EvaluationOptions {
   Alignment alignment = Alignment::kSim3;
   double max_dt = 0.01;  // seconds, >= 0

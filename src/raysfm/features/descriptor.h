@@ -47,6 +47,7 @@ class Describer {
   GrayImage once_, twice_;
 };
 
+// Descriptor `query` of one set looks like `train` of the other.
 struct DescriptorMatch {
   int query = -1;
   int train = -1;

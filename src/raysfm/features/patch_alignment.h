@@ -7,12 +7,14 @@
 
 namespace raysfm {
 
+// Where a patch was found.
 struct PatchAlignment {
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();  // in the target image; the start where not converged
   float zncc = 0;                                   // of the aligned patches, in [-1, 1]
   bool converged = false;
 };
 
+// When an alignment has converged, and when it has gone astray.
 struct PatchAlignmentOptions {
   int max_iterations = 10;
   float stop_px = 0.02f;      // converged when a step is shorter than this

@@ -10,6 +10,7 @@
 
 namespace raysfm {
 
+// Patch `query` of one set looks like `train` of the other.
 struct ZnccMatch {
   int query = -1;
   int train = -1;

@@ -22,6 +22,7 @@ struct ImageView {
   operator ImageView<const T>() const { return {data, width, height, stride}; }
 };
 
+// Grey levels that are only read.
 using GrayView = ImageView<const uint8_t>;
 
 // An image that owns its pixels. Rows start at multiples of 64 bytes, and 64 bytes behind the last row are
@@ -67,6 +68,7 @@ class Image {
   std::unique_ptr<T, Free> data_;
 };
 
+// Grey levels, 0 to 255.
 using GrayImage = Image<uint8_t>;
 
 }  // namespace raysfm

@@ -9,8 +9,9 @@
 namespace raysfm {
 
 // The two formats of COLMAP's models, file by file. The readers append to the model what one file holds and
-// leave what links the files (colmap_model.cpp) open. `file` names the file in messages.
+// leave what links the files (colmap_model.cpp) open. `file` names the file in messages. Errors: bad input.
 
+// Binary.
 Result<void> parse_colmap_cameras_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_images_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_points_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
@@ -18,6 +19,7 @@ std::string format_colmap_cameras_bin(const ColmapModel& model);
 std::string format_colmap_images_bin(const ColmapModel& model);
 std::string format_colmap_points_bin(const ColmapModel& model);
 
+// Text.
 Result<void> parse_colmap_cameras_txt(std::string_view text, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_images_txt(std::string_view text, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_points_txt(std::string_view text, const std::string& file, ColmapModel* model);

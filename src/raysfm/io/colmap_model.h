@@ -14,6 +14,7 @@
 
 namespace raysfm {
 
+// Of keypoints that no point was made of.
 constexpr uint64_t kNoColmapPoint = std::numeric_limits<uint64_t>::max();
 
 // Pixels are counted from the corner of the first one.

@@ -8,11 +8,13 @@
 
 namespace raysfm {
 
+// What a decoder gives: grey levels, and colours where there are any.
 struct DecodedImage {
   GrayImage gray;
   ColorPlanes colors;
 };
 
+// Larger images are refused, pixels.
 inline constexpr int64_t kMaxImageSide = 32768;
 inline constexpr int64_t kMaxImagePixels = int64_t{1} << 29;
 

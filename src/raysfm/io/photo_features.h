@@ -26,6 +26,7 @@ class PhotoFeatures {
   virtual std::vector<std::pair<int, int>> match(int a, int b) const = 0;
 };
 
+// SIFT. Errors: internal, where its module cannot be loaded.
 Result<std::unique_ptr<PhotoFeatures>> make_photo_features();
 
 }  // namespace raysfm

@@ -9,6 +9,7 @@
 
 namespace raysfm {
 
+// Colours of all plots: of lines and texts, of what lies behind, and of what is shown.
 inline const cv::Scalar kInk(60, 60, 60);
 inline const cv::Scalar kGrid(232, 232, 232);
 inline const cv::Scalar kFrame(170, 170, 170);
@@ -17,6 +18,7 @@ inline const cv::Scalar kFill(225, 236, 253);     // pale orange
 
 constexpr int kShift = 4;  // fractional bits of drawing coordinates
 
+// What one side of a plot stands for.
 struct Range {
   double low = 0;
   double high = 1;
@@ -41,8 +43,10 @@ struct Axes {
 // In steps of 2^-kShift pixels.
 cv::Point fixed_point(cv::Point2d p);
 
+// The end of a text that is at its place.
 enum class Anchor { kLeft, kCentre, kRight };
 
+// Smoothed lines and texts.
 void draw_line(cv::Mat& picture, cv::Point2d a, cv::Point2d b, const cv::Scalar& colour, int thickness);
 void draw_text(cv::Mat& picture, const std::string& text, cv::Point at, Anchor anchor, double size = 0.5,
                const cv::Scalar& colour = kInk);

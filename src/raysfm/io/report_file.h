@@ -31,6 +31,7 @@ struct Report {
 // its own.
 std::string report_json(const Reconstruction& reconstruction, const Report& report);
 
+// Writes report_json(). Errors: bad input, naming the file.
 Result<void> write_report(const Reconstruction& reconstruction, const Report& report,
                           const std::filesystem::path& path);
 

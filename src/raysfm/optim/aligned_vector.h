@@ -22,6 +22,7 @@ struct CacheLineAllocator {
   bool operator==(const CacheLineAllocator&) const { return true; }
 };
 
+// A vector whose first element is aligned to 64 bytes.
 template <typename T>
 using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 

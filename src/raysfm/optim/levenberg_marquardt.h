@@ -54,6 +54,7 @@ struct LmOptions {
   const ProgressCallback* progress = nullptr;  // null or empty: none
 };
 
+// How a minimisation went.
 struct LmSummary {
   double initial_cost = 0;
   double final_cost = 0;

@@ -69,6 +69,7 @@ PinholeInRig pinhole_in_rig(const Camera& camera, const Model& model) {
   return pinhole;
 }
 
+// Models with residuals of their own for eight lanes.
 template <>
 class PixelResidual<Pinhole> : public BlockResidual {
  public:
@@ -83,6 +84,7 @@ class PixelResidual<Pinhole> : public BlockResidual {
   PinholeInRig camera_;
 };
 
+// The same with distortion.
 template <>
 class PixelResidual<Radtan> : public BlockResidual {
  public:

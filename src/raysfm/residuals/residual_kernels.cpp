@@ -109,7 +109,7 @@ void PinholeResiduals(const PinholeInRig& camera, const double* u, const double*
                        });
 }
 
-// The formulas of camera/radial_tangential.h.
+// The formulas of models/radial_tangential.h.
 void RadtanResiduals(const RadtanInRig& camera, const double* u, const double* v, ResidualBlock* block) {
   const Tag d;
   const Vec one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);

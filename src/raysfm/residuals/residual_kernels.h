@@ -19,7 +19,7 @@ struct PinholeInRig {
 // Predicted minus observed pixel; u and v hold eight numbers.
 void pinhole_residuals(const PinholeInRig& camera, const double* u, const double* v, ResidualBlock* block);
 
-// The same with Brown's distortion (camera/radtan.h).
+// The same with Brown's distortion (models/radtan.h).
 struct RadtanInRig {
   PinholeInRig pinhole;
   double k1, k2, k3, p1, p2, max_radius2;
@@ -33,6 +33,7 @@ struct alignas(64) RayBlock {
   double tangents[6][kBlockLanes];  // by rows
 };
 
+// Puts a ray into one lane.
 void set_ray(const ObservedRay& ray, size_t lane, RayBlock* block);
 
 // The angular error of camera/observed_ray.h.

@@ -27,7 +27,7 @@ Vec2<T> pinhole(const PinholeInRig& c, const Vec3<T>& x) {
   return {c.fx * p.x() / p.z() + c.cx, c.fy * p.y() / p.z() + c.cy};
 }
 
-// Brown's model as camera/radtan.h writes it.
+// Brown's model as models/radtan.h writes it.
 template <typename T>
 Vec2<T> radtan(const RadtanInRig& c, const Vec3<T>& point) {
   PinholeInRig normalised = c.pinhole;

@@ -21,6 +21,7 @@ enum class PoseMethod {
   kFiveRays,   // LBA09 4.5: five rays, adjusted from the prior
 };
 
+// How a pose is sought.
 struct PoseOptions {
   PoseMethod method = PoseMethod::kThreeRays;
   double max_error_px = 3.0;  // > 0: residual of an inlier; with sigmas, standard deviations
@@ -35,6 +36,7 @@ struct PoseOptions {
   uint64_t stream = 0;
 };
 
+// Why there is no pose.
 enum class PoseProblem {
   kNone,
   kTooFewObservations,  // fewer than min_inliers were given, or none has a ray
@@ -42,6 +44,7 @@ enum class PoseProblem {
   kDegenerate,          // the points do not determine the pose: J^T J is singular
 };
 
+// A pose with what agrees with it, or why there is none.
 struct PoseEstimate {
   PoseProblem problem = PoseProblem::kTooFewObservations;
   Rigid3 rig_from_world;

@@ -32,6 +32,7 @@ enum class GenericStartMethod {
   kSeventeenPoint,  // LBA09 4.3
 };
 
+// What three views must show to be a start.
 struct GenericStartOptions {
   GenericStartMethod method = GenericStartMethod::kAuto;
   // Largest residual of an inlier in each of its rays, in the unit of the rays' residuals: pixels where
@@ -53,6 +54,7 @@ struct GenericStartOptions {
   uint64_t stream = 0;
 };
 
+// Three poses of a rig and the points they see, or why there are none.
 struct GenericStart {
   StartProblem problem = StartProblem::kTooFewMatches;
   Rigid3 rig1_from_rig0, rig2_from_rig0;

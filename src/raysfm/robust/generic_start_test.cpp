@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "raysfm/robust/rig_refinement.h"
-#include "raysfm/robust/rig_test_scenes.h"
+#include "support/rig_test_scenes.h"
 
 namespace raysfm {
 namespace {

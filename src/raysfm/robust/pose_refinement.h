@@ -13,6 +13,7 @@
 
 namespace raysfm {
 
+// Of tangents of poses: translation, then rotation.
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 

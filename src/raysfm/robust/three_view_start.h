@@ -37,6 +37,7 @@ struct ThreeViewOptions {
   uint64_t stream = 0;
 };
 
+// Poses of three views of one central camera and the points they see, or why there are none.
 struct ThreeViewStart {
   StartProblem problem = StartProblem::kTooFewMatches;
   Rigid3 cam1_from_cam0;

@@ -12,6 +12,7 @@
 
 namespace raysfm {
 
+// Of tangents of poses: translation, then rotation.
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // One frame of the input. `world_from_rig` is empty where the frame could not be posed; `reason` then says
@@ -62,6 +63,7 @@ struct StartSummary {
   int inliers = 0;          // points that survived
 };
 
+// What a video became: poses of frames, and the map.
 struct Reconstruction {
   Rig rig;
   bool metric_scale = false;                         // of the segment with most posed frames

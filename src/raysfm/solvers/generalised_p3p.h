@@ -9,6 +9,7 @@
 
 namespace raysfm {
 
+// Poses that three points allow.
 inline constexpr int kMaxGeneralisedP3pPoses = 8;
 
 // Pose of any ray camera from three points (Nister and Stewenius, JMIV 2007): the depths t_i > 0 along the

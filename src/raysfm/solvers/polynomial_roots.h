@@ -4,6 +4,7 @@
 
 namespace raysfm {
 
+// Of the polynomials that real_roots() takes.
 inline constexpr int kMaxRootDegree = 10;
 
 // Real roots within +-1e9 of sum_i coefficients[i] x^i, degree coefficients.size() - 1 <= kMaxRootDegree, by

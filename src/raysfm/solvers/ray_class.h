@@ -14,6 +14,7 @@ enum class CentreClass {
   kNonAxial,  // not on one line
 };
 
+// What kind of rays matches have.
 struct RayClass {
   CentreClass centres = CentreClass::kCentral;
   // Both rays of every match have the same origin ("simple" matches, LBA09 4.2).

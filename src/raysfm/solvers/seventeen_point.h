@@ -10,6 +10,7 @@
 
 namespace raysfm {
 
+// One equation in the 18 entries of the motion.
 using PlessRow = Eigen::Matrix<double, 1, 18>;
 
 // Row a of the linear Pless equation a x = 0 of one match (LBA09 4.3, equation 2); x holds R~ and then E~, by

@@ -14,6 +14,7 @@ struct TranslationScale {
   double offset = 0, slope = 0;
 };
 
+// The equation of one match; the direction has unit length.
 TranslationScale translation_scale(const Eigen::Matrix3d& rig1_from_rig0_rotation,
                                    const Eigen::Vector3d& start, const Eigen::Vector3d& unit_direction,
                                    const Ray& ray0, const Ray& ray1);

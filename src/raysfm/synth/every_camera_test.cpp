@@ -9,7 +9,7 @@
 #include "raysfm/camera/pixel_finder.h"
 #include "raysfm/geometry/rotation.h"
 #include "raysfm/geometry/triangulation.h"
-#include "raysfm/synth/test_worlds.h"
+#include "support/test_worlds.h"
 
 namespace raysfm::synth {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/geometry/pose.h"
-#include "raysfm/synth/world.h"
+#include "raysfm/worlds/world.h"
 
 namespace raysfm::synth {
 
@@ -15,6 +15,7 @@ namespace raysfm::synth {
 // differentiable.
 using Motion = std::function<Rigid3(double time)>;
 
+// A motion as `synth --list` shows it.
 struct MotionInfo {
   std::string_view name;
   std::string_view description;

@@ -8,7 +8,7 @@
 #include "raysfm/image/image.h"
 #include "raysfm/synth/motion.h"
 #include "raysfm/synth/scene.h"
-#include "raysfm/synth/world.h"
+#include "raysfm/worlds/world.h"
 
 namespace raysfm::synth {
 

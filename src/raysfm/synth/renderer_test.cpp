@@ -9,7 +9,7 @@
 
 #include "raysfm/geometry/rotation.h"
 #include "raysfm/synth/sequence.h"
-#include "raysfm/synth/test_worlds.h"
+#include "support/test_worlds.h"
 
 namespace raysfm::synth {
 namespace {

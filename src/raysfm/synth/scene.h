@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/synth/world.h"
+#include "raysfm/worlds/world.h"
 
 namespace raysfm::synth {
 
@@ -27,6 +27,7 @@ struct TracedEllipsoid {
   float to_unit[9], centre[3];  // to_unit * (x - centre) lies on the unit sphere; rows
 };
 
+// A node of the tree of boxes that rays are tested against.
 struct BoxNode {
   float low[3], high[3];
   int32_t

@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "raysfm/core/random.h"
-#include "raysfm/synth/test_worlds.h"
+#include "support/test_worlds.h"
 
 namespace raysfm::synth {
 namespace {

@@ -4,7 +4,7 @@
 #include <span>
 
 #include "raysfm/core/result.h"
-#include "raysfm/uncalibrated/point_tracks.h"
+#include "raysfm/lenses/point_tracks.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {

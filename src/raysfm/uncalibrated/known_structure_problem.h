@@ -4,11 +4,11 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/lenses/lens_constraints.h"
+#include "raysfm/lenses/observation_index.h"
+#include "raysfm/lenses/radial_distortion.h"
+#include "raysfm/lenses/uncalibrated_scene.h"
 #include "raysfm/optim/levenberg_marquardt.h"
-#include "raysfm/uncalibrated/lens_constraints.h"
-#include "raysfm/uncalibrated/observation_index.h"
-#include "raysfm/uncalibrated/radial_distortion.h"
-#include "raysfm/uncalibrated/uncalibrated_scene.h"
 
 namespace raysfm {
 

@@ -5,12 +5,12 @@
 #include <array>
 #include <cmath>
 
+#include "raysfm/projective/absolute_quadric.h"
+#include "raysfm/projective/eight_point.h"
+#include "raysfm/projective/projective_resection.h"
+#include "raysfm/projective/view_pair.h"
 #include "raysfm/robust/ransac.h"
-#include "raysfm/uncalibrated/absolute_quadric.h"
-#include "raysfm/uncalibrated/eight_point.h"
 #include "raysfm/uncalibrated/known_structure.h"
-#include "raysfm/uncalibrated/projective_resection.h"
-#include "raysfm/uncalibrated/view_pair.h"
 
 namespace raysfm {
 namespace {

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/uncalibrated/point_tracks.h"
-#include "raysfm/uncalibrated/uncalibrated_scene.h"
+#include "raysfm/lenses/point_tracks.h"
+#include "raysfm/lenses/uncalibrated_scene.h"
 
 namespace raysfm {
 

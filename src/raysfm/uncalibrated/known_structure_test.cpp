@@ -5,7 +5,7 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 
-#include "raysfm/uncalibrated/test_scenes.h"
+#include "support/test_scenes.h"
 
 namespace raysfm {
 namespace {

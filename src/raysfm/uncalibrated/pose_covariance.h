@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "raysfm/uncalibrated/point_tracks.h"
+#include "raysfm/lenses/point_tracks.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {

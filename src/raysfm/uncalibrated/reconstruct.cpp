@@ -4,9 +4,9 @@
 #include <cmath>
 #include <limits>
 
-#include "raysfm/uncalibrated/absolute_quadric.h"
-#include "raysfm/uncalibrated/degeneracy.h"
-#include "raysfm/uncalibrated/projective_start.h"
+#include "raysfm/projective/absolute_quadric.h"
+#include "raysfm/projective/degeneracy.h"
+#include "raysfm/projective/projective_start.h"
 
 namespace raysfm {
 namespace {

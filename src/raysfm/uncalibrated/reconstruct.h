@@ -7,15 +7,18 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/uncalibrated/lens_adjustment.h"
-#include "raysfm/uncalibrated/point_tracks.h"
-#include "raysfm/uncalibrated/radial_distortion.h"
+#include "raysfm/lenses/lens_adjustment.h"
+#include "raysfm/lenses/point_tracks.h"
+#include "raysfm/lenses/radial_distortion.h"
 
 namespace raysfm {
 
+// Whether all images have one lens; kAuto: the images decide.
 enum class LensChange { kAuto, kFixed, kZoom };
+// By moments (IFBA01 section 3), with lenses as unknowns, or the first ended by the second.
 enum class LensMethod { kIntrinsicsFree, kStandard, kPolished };
 
+// How a scene of unknown lenses is reconstructed.
 struct SolveOptions {
   LensChange lens = LensChange::kAuto;
   LensMethod method = LensMethod::kPolished;
@@ -28,6 +31,7 @@ struct SolveOptions {
   uint64_t seed = 0;
 };
 
+// Structure, motion and lenses of tracks, and how sure they are.
 struct UncalibratedReconstruction {
   UncalibratedScene scene;
   std::vector<uint8_t> image_posed;    // one per image: pose and lens are valid

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "raysfm/uncalibrated/test_scenes.h"
+#include "support/test_scenes.h"
 
 namespace raysfm {
 namespace {

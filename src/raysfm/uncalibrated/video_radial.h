@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/uncalibrated/lens_adjustment.h"
-#include "raysfm/uncalibrated/radial_distortion.h"
+#include "raysfm/lenses/lens_adjustment.h"
+#include "raysfm/lenses/radial_distortion.h"
 
 namespace raysfm {
 
@@ -15,6 +15,7 @@ namespace raysfm {
 PointTracks without_distortion(const PointTracks& tracks, std::span<const Lens> lenses,
                                const RadialDistortion& radial, std::vector<double>* weights);
 
+// A coefficient of distortion, with the scene that goes with it.
 struct RadialEstimate {
   double k1 = 0, sigma = 0;
   double gain = 0;  // by which it lowers the sum of squares, in units of their variance

@@ -7,9 +7,9 @@
 #include <optional>
 
 #include "raysfm/core/median.h"
-#include "raysfm/uncalibrated/degeneracy.h"
+#include "raysfm/projective/degeneracy.h"
+#include "raysfm/projective/video_motion.h"
 #include "raysfm/uncalibrated/video_growth.h"
-#include "raysfm/uncalibrated/video_motion.h"
 #include "raysfm/uncalibrated/video_radial.h"
 
 namespace raysfm {

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "raysfm/uncalibrated/test_scenes.h"
 #include "raysfm/uncalibrated/video_resection.h"
+#include "support/test_scenes.h"
 
 namespace raysfm {
 namespace {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "raysfm/geometry/pose.h"
-#include "raysfm/uncalibrated/lens.h"
+#include "raysfm/lenses/lens.h"
 
 namespace raysfm {
 
@@ -20,6 +20,7 @@ struct LensResectionOptions {
   uint64_t stream = 0;
 };
 
+// Pose and lens of one image of known points.
 struct LensResection {
   Rigid3 cam_from_world;
   Lens lens;

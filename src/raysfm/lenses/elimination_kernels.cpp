@@ -1,0 +1,142 @@
+#include "raysfm/lenses/elimination_kernels.h"
+
+#include <cstddef>
+
+// Vectors without a size at compile time cannot stand in the arrays below.
+#ifndef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#endif
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raysfm/lenses/elimination_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace raysfm {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Tag = hn::CappedTag<double, 4>;
+using V = hn::Vec<Tag>;
+constexpr int kMaxPadded = 12;
+
+void ScaleSlots(int padded, int slots, const int* first, const double* inverse, const double* y,
+                const double* w, double* z, double* right) {
+  const Tag d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const V i00 = hn::Set(d, inverse[0]), i10 = hn::Set(d, inverse[1]), i11 = hn::Set(d, inverse[2]),
+          i20 = hn::Set(d, inverse[3]), i21 = hn::Set(d, inverse[4]), i22 = hn::Set(d, inverse[5]),
+          y0 = hn::Set(d, y[0]), y1 = hn::Set(d, y[1]), y2 = hn::Set(d, y[2]);
+  for (int s = 0; s < slots; ++s, w += 3 * padded, z += 3 * padded) {
+    double* to = right + first[s];
+    for (int r = 0; r < padded; r += lanes) {
+      const V w0 = hn::LoadU(d, w + r), w1 = hn::LoadU(d, w + padded + r),
+              w2 = hn::LoadU(d, w + 2 * padded + r);
+      const V z0 = hn::Mul(w0, i00), z1 = hn::Add(hn::Mul(w0, i10), hn::Mul(w1, i11)),
+              z2 = hn::Add(hn::Add(hn::Mul(w0, i20), hn::Mul(w1, i21)), hn::Mul(w2, i22));
+      hn::StoreU(z0, d, z + r);
+      hn::StoreU(z1, d, z + padded + r);
+      hn::StoreU(z2, d, z + 2 * padded + r);
+      const V product = hn::Add(hn::Add(hn::Mul(z0, y0), hn::Mul(z1, y1)), hn::Mul(z2, y2));
+      hn::StoreU(hn::Sub(hn::LoadU(d, to + r), product), d, to + r);
+    }
+  }
+}
+
+// Columns [column, column + kColumns) of the sum, kRows numbers each, kept in registers.
+template <int kRows, int kColumns>
+HWY_INLINE void SubtractColumns(const double* z, const EliminationPair* pairs, int count, int column,
+                                double* target, int stride) {
+  const Tag d;
+  constexpr int kLanes = HWY_MIN(4, static_cast<int>(HWY_MAX_BYTES / sizeof(double)));
+  constexpr int kVectors = kRows / kLanes;
+  V sum[kColumns][kVectors];
+  for (int c = 0; c < kColumns; ++c) {
+    for (int v = 0; v < kVectors; ++v) sum[c][v] = hn::Zero(d);
+  }
+  for (int i = 0; i < count; ++i) {
+    const double* a = z + pairs[i].row;
+    const double* b = z + pairs[i].column + column;
+    for (int k = 0; k < 3; ++k, a += kRows, b += kRows) {
+      V rows[kVectors];
+      for (int v = 0; v < kVectors; ++v) rows[v] = hn::LoadU(d, a + v * kLanes);
+      for (int c = 0; c < kColumns; ++c) {
+        const V factor = hn::Set(d, b[c]);
+        for (int v = 0; v < kVectors; ++v) sum[c][v] = hn::Add(sum[c][v], hn::Mul(rows[v], factor));
+      }
+    }
+  }
+  for (int c = 0; c < kColumns; ++c) {
+    double* to = target + static_cast<ptrdiff_t>(stride) * (column + c);
+    for (int v = 0; v < kVectors; ++v) {
+      hn::StoreU(hn::Sub(hn::LoadU(d, to + v * kLanes), sum[c][v]), d, to + v * kLanes);
+    }
+  }
+}
+
+template <int kRows>
+HWY_INLINE void SubtractBlock(int columns, const double* z, const EliminationPair* pairs, int count,
+                              double* target, int stride) {
+  int c = 0;
+  for (; c + 3 <= columns; c += 3) SubtractColumns<kRows, 3>(z, pairs, count, c, target, stride);
+  for (; c < columns; ++c) SubtractColumns<kRows, 1>(z, pairs, count, c, target, stride);
+}
+
+void SubtractPairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
+                   double* target, int stride) {
+  if (padded == 8) {
+    SubtractBlock<8>(columns, z, pairs, count, target, stride);
+  } else {
+    SubtractBlock<12>(columns, z, pairs, count, target, stride);
+  }
+}
+
+void AddTransposed(int padded, int slots, const int* first, const double* z, const double* numbers,
+                   double* sum) {
+  const Tag d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  HWY_ALIGN double parts[3][kMaxPadded] = {};
+  for (int r = 0; r < padded; r += lanes) {
+    V total[3] = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+    const double* column = z + r;
+    for (int s = 0; s < slots; ++s) {
+      const V c = hn::LoadU(d, numbers + first[s] + r);
+      for (int k = 0; k < 3; ++k, column += padded) {
+        total[k] = hn::Add(total[k], hn::Mul(hn::LoadU(d, column), c));
+      }
+    }
+    for (int k = 0; k < 3; ++k) hn::StoreU(total[k], d, parts[k] + r);
+  }
+  for (int k = 0; k < 3; ++k) {
+    for (int r = 0; r < padded; ++r) sum[k] += parts[k][r];
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace raysfm
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace raysfm {
+
+HWY_EXPORT(ScaleSlots);
+HWY_EXPORT(SubtractPairs);
+HWY_EXPORT(AddTransposed);
+
+void scale_point_slots(int padded, int slots, const int* first, const double* inverse, const double* y,
+                       const double* w, double* z, double* right) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots)(padded, slots, first, inverse, y, w, z, right);
+}
+
+void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
+                    double* target, int stride) {
+  HWY_DYNAMIC_DISPATCH(SubtractPairs)(padded, columns, z, pairs, count, target, stride);
+}
+
+void add_transposed(int padded, int slots, const int* first, const double* z, const double* numbers,
+                    double* sum) {
+  HWY_DYNAMIC_DISPATCH(AddTransposed)(padded, slots, first, z, numbers, sum);
+}
+
+}  // namespace raysfm
+#endif  // HWY_ONCE

@@ -1,0 +1,270 @@
+#include "raysfm/lenses/standard_problem.h"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <limits>
+
+namespace raysfm {
+namespace {
+
+using Matrix25d = Eigen::Matrix<double, 2, 5>;
+
+constexpr double kSlowGain = 0.5;  // what is left of the cost
+
+// d pixel / d lens.
+Matrix25d by_lens(double x, double y) {
+  Matrix25d j;
+  j << x, 0, 1, 0, y, 0, y, 0, 1, 0;
+  return j;
+}
+
+}  // namespace
+
+StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjustmentOptions& options,
+                                 UncalibratedScene scene, LensRole role)
+    : index_(index), options_(options), role_(role), scene_(std::move(scene)), trial_(scene_) {
+  const Eigen::MatrixXd basis = lens_basis(options.constraints);
+  free_ = static_cast<int>(basis.cols());
+  basis_.leftCols(free_) = basis;
+  block_ = shared() ? 6 : 6 + free_;
+  elimination_.set_structure(index_.image_count(), block_, shared() ? free_ : 0, index_.point_begin,
+                             index_.image_of_slot);
+  in_view_.resize(index_.size());
+  damping_scale_.resize(elimination_.rows());
+  steps_.setZero(elimination_.rows());
+  costs_.reserve(options.lm.max_iterations + 1);
+  cost_ = start_cost();
+}
+
+bool StandardProblem::has_prior() const {
+  return options_.constraints.principal_point_sigma > 0 && !options_.constraints.known_principal_point;
+}
+
+double StandardProblem::start_cost() {
+  const double given = cost(&scene_);
+  if (role_ == LensRole::kUnknown || !std::isfinite(given)) return given;
+  trial_.lenses = scene_.lenses;
+  fitting_ = true;
+  const double fitted = cost(&trial_);
+  fitting_ = fitted > kSlowGain * given && std::isfinite(fitted);
+  if (!fitting_) return given;
+  scene_.lenses = trial_.lenses;
+  return fitted;
+}
+
+bool StandardProblem::project(const UncalibratedScene& scene) {
+  constexpr double kMinCosine = 1e-6;
+  for (int j = 0; j < index_.image_count(); ++j) {
+    const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
+    const Eigen::Vector3d translation = scene.cam_from_world[j].translation;
+    for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+      const Eigen::Vector3d x = rotation * scene.points[index_.point_of[o]] + translation;
+      if (!(x.z() > 0 && x.z() * x.z() > kMinCosine * kMinCosine * x.squaredNorm())) return false;
+      const double depth = 1 / x.z();
+      in_view_[o] = {depth * x.x(), depth * x.y(), depth};
+    }
+  }
+  return true;
+}
+
+// The change of the free numbers that brings the cost to its least, for points where they project.
+void StandardProblem::fit_lenses(UncalibratedScene* scene) const {
+  Matrix5d normal = Matrix5d::Zero();
+  LensVector right = LensVector::Zero();
+  for (int j = 0; j < index_.image_count(); ++j) {
+    const Lens& lens = scene->lenses[j];
+    for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+      const Eigen::Vector2d m = in_view_[o].head<2>();
+      const Matrix25d b = by_lens(m.x(), m.y());
+      normal.noalias() += b.transpose() * (index_.weight[o] * b);
+      right.noalias() += b.transpose() * (index_.weight[o] * (index_.pixel[o] - lens.pixel(m)));
+    }
+    if (shared() && j + 1 < index_.image_count()) continue;
+    if (has_prior()) {
+      const double sigma = options_.constraints.principal_point_sigma, w = 1 / (sigma * sigma);
+      normal.diagonal().segment<2>(2).array() += w;
+      right.segment<2>(2) += w * (options_.constraints.principal_point - Eigen::Vector2d(lens.cx, lens.cy));
+    }
+    // What is not free has no column: it keeps its place by a pivot of one.
+    Matrix5d reduced = basis_.transpose() * normal * basis_;
+    for (int k = free_; k < 5; ++k) reduced(k, k) = 1;
+    const LensVector change = basis_ * reduced.ldlt().solve(basis_.transpose() * right);
+    for (int k = shared() ? 0 : j; k <= j; ++k) {
+      scene->lenses[k] = Lens::from_vector(scene->lenses[k].vector() + change);
+    }
+    normal.setZero();
+    right.setZero();
+  }
+}
+
+double StandardProblem::cost(UncalibratedScene* scene) {
+  constexpr double kNever = std::numeric_limits<double>::infinity();
+  if (!project(*scene)) return kNever;
+  if (fitting_) fit_lenses(scene);
+  double sum = 0;
+  for (int j = 0; j < index_.image_count(); ++j) {
+    const Lens& lens = scene->lenses[j];
+    if (!(lens.fx > 0 && lens.fy > 0)) return kNever;
+    for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+      sum += index_.weight[o] * (lens.pixel(in_view_[o].head<2>()) - index_.pixel[o]).squaredNorm();
+    }
+  }
+  for (int j = 0; j < lens_count() && has_prior(); ++j) {
+    const Eigen::Vector2d c(scene->lenses[j].cx, scene->lenses[j].cy);
+    const double sigma = options_.constraints.principal_point_sigma;
+    sum += (c - options_.constraints.principal_point).squaredNorm() / (sigma * sigma);
+  }
+  return 0.5 * sum;
+}
+
+void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
+  using Matrix23d = Eigen::Matrix<double, 2, 3>;
+  const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
+  const Lens& lens = scene.lenses[j];
+  const Eigen::Matrix2d root = lens.matrix().topLeftCorner<2, 2>();
+  Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 5, 6> u_lens_pose = Eigen::Matrix<double, 5, 6>::Zero();
+  Matrix5d u_lens = Matrix5d::Zero();
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+  LensVector gradient_lens = LensVector::Zero();
+  for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+    const int point = index_.point_of[o];
+    const Eigen::Vector2d m = in_view_[o].head<2>();
+    const double depth = in_view_[o].z(), w = index_.weight[o];
+    const Eigen::Vector2d r = w * (lens.pixel(m) - index_.pixel[o]);
+    Matrix23d by_ray;  // of the point in the camera, times its z
+    by_ray << root, -root * m;
+    Eigen::Matrix<double, 2, 6> j_pose;
+    j_pose.leftCols<3>() = depth * by_ray;
+    for (int k = 0; k < 2; ++k) {
+      const double a = by_ray(k, 0), b = by_ray(k, 1), c = by_ray(k, 2);
+      j_pose(k, 3) = m.y() * c - b;
+      j_pose(k, 4) = a - m.x() * c;
+      j_pose(k, 5) = m.x() * b - m.y() * a;
+    }
+    const Matrix25d j_lens = by_lens(m.x(), m.y()) * basis_;
+    const Matrix23d j_point = j_pose.leftCols<3>() * rotation, weighted_point = w * j_point;
+    const Eigen::Matrix<double, 2, 6> weighted_pose = w * j_pose;
+
+    u.noalias() += j_pose.transpose() * weighted_pose;
+    u_lens_pose.noalias() += j_lens.transpose() * weighted_pose;
+    u_lens.noalias() += j_lens.transpose() * (w * j_lens);
+    gradient.noalias() += j_pose.transpose() * r;
+    gradient_lens.noalias() += j_lens.transpose() * r;
+    elimination_.v(point).noalias() += j_point.transpose() * weighted_point;
+    elimination_.point_gradient(point).noalias() += j_point.transpose() * r;
+    PointElimination::Cross cross = elimination_.w(index_.slot_of[o]);
+    cross.topRows<6>().noalias() = j_pose.transpose() * weighted_point;
+    const Eigen::Matrix<double, 5, 3> cross_lens = j_lens.transpose() * weighted_point;
+    if (shared()) {
+      elimination_.shared_w(point) += cross_lens.topRows(free_);
+    } else {
+      cross.bottomRows(free_) = cross_lens.topRows(free_);
+    }
+  }
+  const int first = block_ * j, lens_first = lens_rows(j);
+  elimination_.u().block<6, 6>(first, first) = u;
+  elimination_.u().block(lens_first, first, free_, 6) = u_lens_pose.topRows(free_);
+  elimination_.u().block(lens_first, lens_first, free_, free_) += u_lens.topLeftCorner(free_, free_);
+  elimination_.gradient().segment<6>(first) = gradient;
+  elimination_.gradient().segment(lens_first, free_) += gradient_lens.head(free_);
+}
+
+void StandardProblem::add_priors(const UncalibratedScene& scene) {
+  const double sigma = options_.constraints.principal_point_sigma, w = 1 / (sigma * sigma);
+  const Eigen::Matrix<double, 2, 5> axes = basis_.middleRows<2>(2);
+  const Matrix5d normal = w * axes.transpose() * axes;
+  for (int j = 0; j < lens_count(); ++j) {
+    const Eigen::Vector2d off =
+        Eigen::Vector2d(scene.lenses[j].cx, scene.lenses[j].cy) - options_.constraints.principal_point;
+    const LensVector gradient = w * axes.transpose() * off;
+    const int first = lens_rows(j);
+    elimination_.u().block(first, first, free_, free_) += normal.topLeftCorner(free_, free_);
+    elimination_.gradient().segment(first, free_) += gradient.head(free_);
+  }
+}
+
+void StandardProblem::normal_equations(const UncalibratedScene& scene) {
+  elimination_.set_zero();
+  for (int j = 0; j < index_.image_count(); ++j) linearize_image(j, scene);
+  if (has_prior()) add_priors(scene);
+  damping_scale_ = elimination_.u().diagonal();
+  if (role_ == LensRole::kUnknown) return;
+  for (int j = 0; j < lens_count(); ++j) damping_scale_.segment(lens_rows(j), free_).setZero();
+}
+
+double StandardProblem::linearize() {
+  cost_ = cost(&scene_);
+  if (std::isfinite(cost_)) normal_equations(scene_);
+  if (costs_.empty()) costs_.push_back(cost_);
+  return cost_;
+}
+
+// The factor takes the place of the reduced system.
+bool StandardProblem::factorize(double damping) {
+  if (!elimination_.reduce(damping)) return false;
+  elimination_.reduced().diagonal() += damping * damping_scale_;
+  return elimination_.factorize();
+}
+
+LmStep StandardProblem::solve(double damping) {
+  costs_.push_back(costs_.back());
+  if (!factorize(damping)) return {};
+  steps_ = -elimination_.right();
+  elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(steps_);
+  elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(steps_);
+  elimination_.substitute(steps_);
+  const double along = elimination_.gradient_along_step() + elimination_.gradient().dot(steps_);
+  const double damped = damping * (elimination_.scaled_step_norm() + damping_scale_.dot(steps_.cwiseAbs2()));
+  const double decrease = 0.5 * (damped - along);
+  return {steps_.allFinite() && decrease > 0, decrease};
+}
+
+LmTrial StandardProblem::evaluate(bool linearize) {
+  for (int j = 0; j < index_.image_count(); ++j) {
+    trial_.cam_from_world[j] = retract(scene_.cam_from_world[j], steps_.segment<6>(block_ * j));
+    const LensVector change = basis_.leftCols(free_) * steps_.segment(lens_rows(j), free_);
+    trial_.lenses[j] = Lens::from_vector(scene_.lenses[j].vector() + change);
+  }
+  for (int i = 0; i < index_.point_count(); ++i)
+    trial_.points[i] = scene_.points[i] + elimination_.point_step(i);
+  trial_cost_ = cost(&trial_);
+  if (linearize && trial_cost_ <= cost_) normal_equations(trial_);
+  return {cost_, trial_cost_};
+}
+
+void StandardProblem::accept() {
+  fitting_ = fitting_ || (role_ == LensRole::kDependent && trial_cost_ > kSlowGain * cost_);
+  std::swap(scene_, trial_);
+  cost_ = trial_cost_;
+  costs_.back() = cost_;
+}
+
+Eigen::VectorXd StandardProblem::step() const {
+  Eigen::VectorXd all(steps_.size() + 3 * index_.point_count());
+  all.head(steps_.size()) = steps_;
+  for (int i = 0; i < index_.point_count(); ++i) {
+    all.segment<3>(steps_.size() + 3 * i) = elimination_.point_step(i);
+  }
+  return all;
+}
+
+std::vector<Eigen::Matrix<double, 5, 5>> StandardProblem::lens_covariances() {
+  constexpr double kDamping = 1e-10;  // the directions that it holds do not move the lenses
+  if (!factorize(kDamping)) return {};
+  std::vector<Eigen::Matrix<double, 5, 5>> covariances;
+  for (int j = 0; j < index_.image_count(); ++j) {
+    if (shared() && j > 0) {
+      covariances.push_back(covariances[0]);
+      continue;
+    }
+    Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(elimination_.rows(), free_);
+    columns.middleRows(lens_rows(j), free_).setIdentity();
+    elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(columns);
+    covariances.push_back(basis_.leftCols(free_) * (columns.transpose() * columns) *
+                          basis_.leftCols(free_).transpose());
+  }
+  return covariances;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,183 @@
+#include "raysfm/projective/video_motion.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "raysfm/core/median.h"
+#include "raysfm/projective/eight_point.h"
+#include "raysfm/projective/view_pair.h"
+#include "raysfm/robust/ransac.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kMotionPairs = 12;
+constexpr int kMinMotionMatches = 30;
+constexpr int kMaxMotionSamples = 500;
+// An error of a homography may be larger: a lens that bends lines breaks it where the camera only turns.
+constexpr double kHomographyError = 0.006;  // of the image's larger side
+
+// What the two estimators share: matches, and a refinement over inliers.
+template <typename Derived, int kSample>
+class MatchEstimator {
+ public:
+  using Model = Eigen::Matrix3d;
+  static constexpr int kSampleSize = kSample, kMaxModels = 1;
+
+  MatchEstimator(const PairMatches& matches, double max_error)
+      : matches_(matches), max_error2_(max_error * max_error) {}
+
+  int size() const { return static_cast<int>(matches_.a.size()); }
+  bool sample(Rng& rng, std::array<int, kSample>* sample) const {
+    draw_sample(rng, size(), sample);
+    return true;
+  }
+  int generate(const std::array<int, kSample>& sample, std::array<Model, 1>* models) const {
+    std::array<Eigen::Vector2d, kSample> a, b;
+    for (int i = 0; i < kSample; ++i) a[i] = matches_.a[sample[i]], b[i] = matches_.b[sample[i]];
+    return Derived::fit(a, b, models->data()) ? 1 : 0;
+  }
+  RansacScore score(const Model& model, double limit) const {
+    RansacScore score{.cost = 0, .inliers = 0};
+    for (int i = 0; i < size(); ++i) {
+      const double share = Derived::error2(model, matches_.a[i], matches_.b[i]) / max_error2_;
+      score.inliers += share < 1;
+      score.cost += std::min(1.0, share);
+      if (score.cost > limit) return {};
+    }
+    return score;
+  }
+  void refine(Model* model) const {
+    for (int round = 0; round < 2; ++round) {
+      std::vector<Eigen::Vector2d> a, b;
+      for (int i = 0; i < size(); ++i) {
+        if (!(Derived::error2(*model, matches_.a[i], matches_.b[i]) < max_error2_)) continue;
+        a.push_back(matches_.a[i]);
+        b.push_back(matches_.b[i]);
+      }
+      Model better;
+      if (!Derived::fit(a, b, &better)) return;
+      *model = better;
+    }
+  }
+
+ private:
+  const PairMatches& matches_;
+  const double max_error2_;
+};
+
+class HomographyEstimator : public MatchEstimator<HomographyEstimator, 4> {
+ public:
+  using MatchEstimator::MatchEstimator;
+  static bool fit(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector2d> b,
+                  Eigen::Matrix3d* model) {
+    return homography_from_points(a, b, model);
+  }
+  static double error2(const Eigen::Matrix3d& model, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return ((model * a.homogeneous()).hnormalized() - b).squaredNorm();
+  }
+};
+
+// Pixels move along lines through one point e: the fundamental matrix is that of the cross product with e.
+class TranslationEstimator : public MatchEstimator<TranslationEstimator, 2> {
+ public:
+  using MatchEstimator::MatchEstimator;
+  static bool fit(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector2d> b,
+                  Eigen::Matrix3d* model) {
+    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+    for (size_t i = 0; i < a.size(); ++i) {
+      const Eigen::Vector3d line = a[i].homogeneous().cross(b[i].homogeneous());
+      const double length = line.norm();
+      if (length > 0) sum += line * line.transpose() / (length * length) * (b[i] - a[i]).squaredNorm();
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(sum);
+    const Eigen::Vector3d e = eigen.eigenvectors().col(0);
+    *model << 0, -e.z(), e.y(), e.z(), 0, -e.x(), -e.y(), e.x(), 0;
+    return eigen.eigenvalues()[1] > 1e-12 * eigen.eigenvalues()[2];
+  }
+  static double error2(const Eigen::Matrix3d& model, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return sampson_error2(model, a, b);
+  }
+};
+
+template <typename Estimator>
+int inliers(const PairMatches& matches, double max_error, uint64_t seed, Eigen::Matrix3d* model) {
+  Estimator estimator(matches, max_error);
+  const RansacReport report =
+      ransac(estimator, {.max_iterations = kMaxMotionSamples, .seed = seed, .stream = 0}, model);
+  return report.found() ? report.score.inliers : 0;
+}
+
+// K R K^-1 has the eigenvalues of R, all of one modulus.
+bool turns(const Eigen::Matrix3d& homography) {
+  constexpr double kTolerance = 0.03;
+  const Eigen::Vector3d moduli = homography.eigenvalues().cwiseAbs();
+  return moduli.maxCoeff() < (1 + kTolerance) * moduli.minCoeff();
+}
+
+// The last image after `first` that shares enough with it, -1 without one.
+int farthest_partner(const ImageObservations& observations, std::span<const int> images, size_t first) {
+  const int enough = std::max(kMinMotionMatches, observations.count(images[first]) / 4);
+  int partner = -1;
+  for (size_t j = first + 1; j < images.size(); ++j) {
+    if (static_cast<int>(observations.matches(images[first], images[j]).a.size()) < enough) break;
+    partner = images[j];
+  }
+  return partner;
+}
+
+}  // namespace
+
+MotionShares motion_shares(const PointTracks& tracks, std::span<const int> images, double max_error_px,
+                           uint64_t seed) {
+  const ImageObservations observations(tracks);
+  const double side = tracks.image_size.maxCoeff();
+  std::vector<double> homography, rotation, translation, moved;
+  const size_t step = 1 + images.size() / (kMotionPairs + 1);
+  for (size_t first = 0; first + 1 < images.size(); first += step) {
+    const int partner = farthest_partner(observations, images, first);
+    if (partner < 0) continue;
+    const PairMatches matches = observations.matches(images[first], partner);
+    std::vector<double> distances;
+    for (size_t i = 0; i < matches.a.size(); ++i) distances.push_back((matches.b[i] - matches.a[i]).norm());
+    moved.push_back(median_of(&distances) / side);
+    ViewPair epipolar;
+    if (!fundamental_ransac(matches, max_error_px, kMaxMotionSamples, seed, first, &epipolar)) continue;
+    Eigen::Matrix3d model;
+    homography.push_back(double(inliers<HomographyEstimator>(
+                             matches, std::max(max_error_px, kHomographyError * side), seed, &model)) /
+                         epipolar.inliers);
+    rotation.push_back(turns(model));
+    translation.push_back(double(inliers<TranslationEstimator>(matches, max_error_px, seed, &model)) /
+                          epipolar.inliers);
+  }
+  MotionShares shares;
+  shares.homography = median_of(&homography);
+  shares.translation = median_of(&translation);
+  shares.moved = median_of(&moved);
+  shares.pairs = static_cast<int>(homography.size());
+  for (const double r : rotation) shares.rotation += r / double(rotation.size());
+  return shares;
+}
+
+HopelessMotion hopeless_motion(const MotionShares& shares) {
+  constexpr double kStill = 0.01, kNearlyAll = 0.9, kAll = 0.97;
+  if (shares.pairs == 0 || shares.moved < kStill) {
+    return {"no motion", "the image hardly moves while corners can be followed"};
+  }
+  if (shares.homography > kNearlyAll && shares.rotation > kNearlyAll) {
+    return {"pure rotation", "one turn about its centre explains what the camera sees, there is no parallax"};
+  }
+  if (shares.homography > kAll) {
+    return {"planar scene", "a homography relates every two images, and it is not that of a turn"};
+  }
+  if (shares.translation > kAll) {
+    return {"pure translation", "all points move along lines through one point, the camera does not turn"};
+  }
+  return {};
+}
+
+}  // namespace raysfm
