@@ -12,16 +12,9 @@
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/frame_set.h"
-#include "raysfm/odometry/view.h"
+#include "raysfm/odometry/view_maker.h"
 
 namespace raysfm {
-
-// Where the image of one camera of a rig comes from.
-struct CameraInput {
-  int stream = 0;
-  Roi roi;               // lies inside the frames of the stream; empty (w = 0): all of it
-  HarrisOptions harris;  // the mask has the size of the camera's image or is empty
-};
 
 // Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
 // calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
@@ -50,12 +43,11 @@ class ViewStream {
   using Frames = std::vector<InputFrame>;  // one of each stream
 
   std::future<Item> read();
-  Item detected(Frames frames) const;
+  Item made(Frames frames) const;
   void read_ahead(const std::stop_token& stop);
 
   FrameSetReader sources_;
-  std::vector<CameraInput> cameras_;
-  std::vector<bool> owns_stream_;  // by camera: its image is the whole frame, and nobody else's
+  ViewMaker maker_;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;
