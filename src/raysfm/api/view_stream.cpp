@@ -51,7 +51,7 @@ ViewStream::Item ViewStream::made(Frames frames) const {
   }
   if (!view->defect.empty()) return ViewPtr(std::move(view));
   maker_.look(std::move(pictures), view.get());
-  maker_.detect(view.get());
+  if (detect_ahead_) maker_.detect(view.get());
   return ViewPtr(std::move(view));
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <future>
@@ -29,6 +30,11 @@ class ViewStream {
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
 
+  // Whether corners are detected ahead of time, which they are at first. Changes nothing in views once they
+  // are detected.
+  void detect_ahead(bool ahead) { detect_ahead_ = ahead; }
+  const ViewMaker& maker() const { return maker_; }
+
   // The next view; null at the end.
   Result<ViewPtr> next();
 
@@ -48,6 +54,7 @@ class ViewStream {
 
   FrameSetReader sources_;
   ViewMaker maker_;
+  std::atomic<bool> detect_ahead_ = true;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;

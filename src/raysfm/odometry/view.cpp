@@ -137,7 +137,9 @@ void look(CameraView* view) {
   const Octaves& octaves = *view->octaves;
   int source = octaves.first();
   while (source < octaves.last() && octaves.at(source).width > kThumbnailWidth) ++source;
-  view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &view->thumbnail) << source;
+  GrayImage thumbnail;
+  view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &thumbnail) << source;
+  view->thumbnail = std::make_shared<const GrayImage>(std::move(thumbnail));
 }
 
 void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view) {
@@ -161,7 +163,8 @@ ViewPtr images_of(const View& view) {
 }
 
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
-  return estimate_coarse_motion(first.thumbnail, second.thumbnail, static_cast<float>(first.thumbnail_scale));
+  return estimate_coarse_motion(*first.thumbnail, *second.thumbnail,
+                                static_cast<float>(first.thumbnail_scale));
 }
 
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig) {

@@ -31,7 +31,7 @@ struct CameraView {
   GrayImage image;  // until look(), which moves it into the octaves
   int width = 0, height = 0;
   std::shared_ptr<const Octaves> octaves;
-  GrayImage thumbnail;
+  std::shared_ptr<const GrayImage> thumbnail;
   int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
   // Of the picture in which this image begins at `origin`; let go by detect(). Null where it is grey.
   std::shared_ptr<const ColorPlanes> colors;

@@ -16,6 +16,26 @@ GrayImage cropped(const GrayImage& picture, const Roi& roi) {
   return part;
 }
 
+// A view as look() left it.
+std::shared_ptr<View> looked_at(const View& view) {
+  auto copy = std::make_shared<View>();
+  copy->frame = view.frame;
+  copy->timestamp = view.timestamp;
+  copy->name = view.name;
+  copy->detect_ms = view.detect_ms;
+  for (const CameraView& camera : view.cameras) {
+    CameraView& image = copy->cameras.emplace_back();
+    image.width = camera.width;
+    image.height = camera.height;
+    image.octaves = camera.octaves;
+    image.thumbnail = camera.thumbnail;
+    image.thumbnail_scale = camera.thumbnail_scale;
+    image.colors = camera.colors;
+    image.origin = camera.origin;
+  }
+  return copy;
+}
+
 }  // namespace
 
 ViewMaker::ViewMaker(std::vector<CameraInput> cameras) : cameras_(std::move(cameras)) {
@@ -53,6 +73,13 @@ void ViewMaker::detect(View* view) const {
     raysfm::detect(detector, cameras_[c].harris, &view->cameras[c]);
   }
   view->detect_ms += milliseconds_since(start);
+}
+
+ViewPtr ViewMaker::detected(const ViewPtr& view) const {
+  if (view->detected()) return view;
+  auto copy = looked_at(*view);
+  detect(copy.get());
+  return copy;
 }
 
 }  // namespace raysfm

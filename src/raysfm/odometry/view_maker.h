@@ -32,6 +32,8 @@ class ViewMaker {
 
   // The second step, unless it is done.
   void detect(View* view) const;
+  // The same for a view that others may see: itself, or one with corners beside.
+  ViewPtr detected(const ViewPtr& view) const;
 
  private:
   std::vector<CameraInput> cameras_;

@@ -34,7 +34,7 @@ TEST(ViewMaker, TheFirstStepLeavesTheCornersToTheSecond) {
   for (const CameraView& camera : view.cameras) {
     EXPECT_EQ(camera.features.size(), 0);
     EXPECT_EQ(camera.height, kHeight);
-    EXPECT_FALSE(camera.thumbnail.empty());
+    EXPECT_FALSE(camera.thumbnail->empty());
     EXPECT_EQ(camera.colors == nullptr, &camera == &view.cameras[1]);
   }
   maker.detect(&view);
