@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "raysfm/api/config.h"
 #include "raysfm/api/view_stream.h"
@@ -113,8 +114,8 @@ Result<void> choose_methods(TrackSettings* settings) {
 
 // What the images of a frame show.
 struct Sight {
-  int corners = 0;
-  int brightest = 255;  // level of a pixel; told only where there are few corners
+  std::optional<int> corners;  // not counted where the frame is posed without
+  int brightest = 255;         // level of a pixel; told only where there are few corners
   std::string defect;
 };
 
@@ -125,8 +126,9 @@ constexpr int kBlack = 15;
 void explain_blind_frames(const std::vector<Sight>& sights, Reconstruction* reconstruction) {
   for (size_t i = 0; i < sights.size(); ++i) {
     PosedFrame& frame = reconstruction->frames[i];
-    if (frame.world_from_rig || !sights[i].defect.empty() || sights[i].corners >= kMinCorners) continue;
-    frame.reason = fmt::format("too few corners: {}, at least {} are needed", sights[i].corners, kMinCorners);
+    const int corners = sights[i].corners.value_or(kMinCorners);
+    if (frame.world_from_rig || !sights[i].defect.empty() || corners >= kMinCorners) continue;
+    frame.reason = fmt::format("too few corners: {}, at least {} are needed", corners, kMinCorners);
     if (sights[i].brightest > kBlack) continue;
     frame.reason +=
         fmt::format("; the picture is nearly black, its brightest pixel is {} of 255", sights[i].brightest);
@@ -178,9 +180,13 @@ int brightest(const View& view) {
 }
 
 Sight sight_of(const View& view) {
-  Sight sight{.defect = view.defect};
-  for (const CameraView& camera : view.cameras) sight.corners += camera.features.size();
-  if (sight.corners < kMinCorners && sight.defect.empty()) sight.brightest = brightest(view);
+  Sight sight;
+  sight.defect = view.defect;
+  if (!view.detected()) return sight;
+  int corners = 0;
+  for (const CameraView& camera : view.cameras) corners += camera.features.size();
+  sight.corners = corners;
+  if (corners < kMinCorners && sight.defect.empty()) sight.brightest = brightest(view);
   return sight;
 }
 
@@ -200,7 +206,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
-  Odometry odometry(sources->rig, settings.odometry, callbacks.event);
+  Odometry odometry(sources->rig, settings.odometry, callbacks.event, &stream.maker());
   std::vector<Sight> sights;
   bool checked = false;
   for (;;) {
@@ -215,8 +221,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
         return bad_input(fmt::format("{}: {}", camera_source(settings, sources->input), *problem));
       }
     }
-    sights.push_back(sight_of(**view));
     odometry.process(*view);
+    stream.detect_ahead(!odometry.tracking());
+    if (!odometry.tracking()) view = stream.maker().detected(*view);
+    sights.push_back(sight_of(**view));
     if (callbacks.progress) callbacks.progress({odometry.frames(), source.frame_count(), odometry.posed()});
   }
   if (sights.empty() && !out.interrupted) {

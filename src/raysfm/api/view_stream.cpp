@@ -8,13 +8,6 @@ namespace {
 
 constexpr size_t kAhead = 8;  // views
 
-// The part of an image that a camera's image is.
-GrayImage cropped(const GrayImage& image, const Roi& roi) {
-  GrayImage part(roi.w, roi.h);
-  for (int y = 0; y < roi.h; ++y) std::copy_n(image.row(roi.y + y) + roi.x, roi.w, part.row(y));
-  return part;
-}
-
 template <typename T>
 std::future<T> ready(T value) {
   std::promise<T> promise;
@@ -27,13 +20,8 @@ std::future<T> ready(T value) {
 ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources,
                        std::vector<CameraInput> cameras, int threads)
     : sources_(sources),
-      cameras_(std::move(cameras)),
+      maker_(std::move(cameras)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
-  for (const CameraInput& camera : cameras_) {
-    const auto users = std::count_if(cameras_.begin(), cameras_.end(),
-                                     [&](const CameraInput& other) { return other.stream == camera.stream; });
-    owns_stream_.push_back(users == 1 && camera.roi.w == 0);
-  }
   if (threads > 1) reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
 }
 
@@ -51,26 +39,19 @@ const StageTiming& ViewStream::finish() {
   return decode_timing_;
 }
 
-ViewStream::Item ViewStream::detected(Frames frames) const {
-  thread_local HarrisDetector detector;
-  const Clock::time_point start = Clock::now();
+ViewStream::Item ViewStream::made(Frames frames) const {
   auto view = std::make_shared<View>();
   view->frame = frames[0].index;
   view->timestamp = frames[0].timestamp;
   view->name = frames[0].name;
-  for (const InputFrame& frame : frames) {
+  std::vector<Picture> pictures;
+  for (InputFrame& frame : frames) {
     if (view->defect.empty()) view->defect = frame.defect;
+    pictures.push_back({std::move(frame.gray), std::move(frame.colors)});
   }
   if (!view->defect.empty()) return ViewPtr(std::move(view));
-  for (size_t c = 0; c < cameras_.size(); ++c) {
-    InputFrame& frame = frames[cameras_[c].stream];
-    CameraView& image = view->cameras.emplace_back();
-    Roi roi = cameras_[c].roi;
-    if (roi.w == 0) roi = {0, 0, frame.gray.width(), frame.gray.height()};
-    image.image = owns_stream_[c] ? std::move(frame.gray) : cropped(frame.gray, roi);
-    detect(detector, cameras_[c].harris, &image, frame.colors, roi);
-  }
-  view->detect_ms = milliseconds_since(start);
+  maker_.look(std::move(pictures), view.get());
+  if (detect_ahead_) maker_.detect(view.get());
   return ViewPtr(std::move(view));
 }
 
@@ -81,7 +62,7 @@ std::future<ViewStream::Item> ViewStream::read() {
   if (frames->empty()) return ready<Item>(ViewPtr());
   decode_timing_.add(milliseconds_since(start));
   auto shared = std::make_shared<Frames>(std::move(*frames));
-  return pool_->submit([this, shared] { return detected(std::move(*shared)); });
+  return pool_->submit([this, shared] { return made(std::move(*shared)); });
 }
 
 void ViewStream::read_ahead(const std::stop_token& stop) {

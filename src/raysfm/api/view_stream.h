@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <future>
@@ -12,16 +13,9 @@
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/io/frame_set.h"
-#include "raysfm/odometry/view.h"
+#include "raysfm/odometry/view_maker.h"
 
 namespace raysfm {
-
-// Where the image of one camera of a rig comes from.
-struct CameraInput {
-  int stream = 0;
-  Roi roi;               // lies inside the frames of the stream; empty (w = 0): all of it
-  HarrisOptions harris;  // the mask has the size of the camera's image or is empty
-};
 
 // Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
 // calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
@@ -35,6 +29,11 @@ class ViewStream {
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
+
+  // Whether corners are detected ahead of time, which they are at first. Changes nothing in views once they
+  // are detected.
+  void detect_ahead(bool ahead) { detect_ahead_ = ahead; }
+  const ViewMaker& maker() const { return maker_; }
 
   // The next view; null at the end.
   Result<ViewPtr> next();
@@ -50,12 +49,12 @@ class ViewStream {
   using Frames = std::vector<InputFrame>;  // one of each stream
 
   std::future<Item> read();
-  Item detected(Frames frames) const;
+  Item made(Frames frames) const;
   void read_ahead(const std::stop_token& stop);
 
   FrameSetReader sources_;
-  std::vector<CameraInput> cameras_;
-  std::vector<bool> owns_stream_;  // by camera: its image is the whole frame, and nobody else's
+  ViewMaker maker_;
+  std::atomic<bool> detect_ahead_ = true;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;

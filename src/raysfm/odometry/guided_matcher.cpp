@@ -109,6 +109,13 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
   query->bend = bend.cast<float>();
 }
 
+void coarsen(const Octaves& picture, int octaves, PatchQuery* query) {
+  const int octave = picture.clamp(query->octave + octaves);
+  query->keyframe_from_target *= std::ldexp(1.0f, octave - query->octave);
+  query->bend *= std::ldexp(1.0f, 2 * (octave - query->octave));
+  query->octave = octave;
+}
+
 void GuidedMatcher::gather_patches(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries) {
   patches_.resize(static_cast<int>(queries.size()));
   for_each_source(views, queries, [&](int begin, int end) {
@@ -181,6 +188,20 @@ AlignedPatch GuidedMatcher::align_in(int octave, const Octaves& reference, const
                               std::span<PatchAlignment>(static_cast<PatchAlignment*>(&aligned), 1));
   aligned.pixel = out_of_octave(aligned.pixel, octave);
   return aligned;
+}
+
+void GuidedMatcher::align_here(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
+                               std::span<const Eigen::Vector2f> starts, const View& target,
+                               const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out) {
+  out->resize(queries.size());
+  for (size_t i = 0; i < queries.size(); ++i) {
+    const PatchQuery& q = queries[i];
+    const KeyFrameView& view = views[q.keyframe];
+    AlignedPatch& here = (*out)[i];
+    here = align_in(q.octave, *view.camera_view(q.feature).octaves, view.pixels[q.feature],
+                    q.keyframe_from_target, *target.cameras[q.camera].octaves, starts[i], options);
+    if (here.converged) here.pixel -= q.bend;
+  }
 }
 
 void GuidedMatcher::align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,

@@ -43,6 +43,9 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
 void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
                 const Rigid3& target_from_source, PatchQuery* query);
 
+// Makes a query that looks some octaves higher, as far as `picture`, of its camera, has them.
+void coarsen(const Octaves& picture, int octaves, PatchQuery* query);
+
 struct GuidedMatch {
   int query = -1;
   int feature = -1;  // of the target view, -1 where only the alignment found the place
@@ -70,6 +73,10 @@ class GuidedMatcher {
   void align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
              std::span<const Eigen::Vector2f> starts, const View& target,
              const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out);
+  // The same in the octaves of the queries alone.
+  void align_here(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
+                  std::span<const Eigen::Vector2f> starts, const View& target,
+                  const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out);
 
  private:
   void gather_patches(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries);

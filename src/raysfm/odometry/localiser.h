@@ -58,6 +58,9 @@ struct SearchRange {
       0;  // of the local map that are matched with corners, about; the others wait for the pose
 };
 
+// How good the prediction of a pose is: within some pixels of octaves above the first, or of the first.
+enum class Prediction { kCoarse, kExact };
+
 // Pose of a frame against the map, or why there is none.
 struct Localisation {
   bool ok = false;
@@ -82,6 +85,11 @@ class Localiser {
   Localisation localise(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const View& view, const Rigid3& predicted_rig_from_world, const SearchRange& range);
 
+  // The same without corners, for a view that is near its prediction: patches of some points are aligned for
+  // a first pose.
+  Localisation follow(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                      const View& view, Rigid3 predicted_rig_from_world, Prediction prediction);
+
   // Pose from matches that are corners still, with outliers among them; none where they do not determine it.
   // Says nothing of visible points.
   Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame);
@@ -102,6 +110,10 @@ class Localiser {
   bool add_observation(const Map& map, const TrackPixel& seen);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
+  void align_some(int coarser, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                  const View& view, const Rigid3& rig_from_world);
+  Localisation align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                         const View& view);
   bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
   void count(const LocalMap& local, bool aligned, Localisation* out);
   bool refine_estimate();

@@ -64,6 +64,25 @@ TEST_F(LocaliserTest, FindsThePoseFromAPredictionThatIsPixelsOff) {
   EXPECT_LT(found.sigma_px, 0.3);
 }
 
+TEST_F(LocaliserTest, FollowsAViewWithoutCorners) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr view = images_of(*film(world_, truth_.rig.camera(0), pose, 3));
+  ASSERT_EQ(view->cameras[0].features.size(), 0);
+  const auto follow = [&](double error, Prediction prediction) {
+    const Rigid3 predicted = retract(pose, error * kPredictionError);
+    return localiser_.follow(truth_.map, truth_.views, local_, *view, predicted, prediction);
+  };
+  for (const double error : {0.1, 1.0}) {
+    const Localisation found = follow(error, error < 1 ? Prediction::kExact : Prediction::kCoarse);
+    ASSERT_TRUE(found.ok) << found.reason;
+    EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.003);
+    EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
+    EXPECT_GT(found.matches.size(), 200u);
+  }
+  EXPECT_FALSE(follow(3, Prediction::kExact).ok) << "33 pixels off";
+  EXPECT_FALSE(follow(5, Prediction::kCoarse).ok) << "55 pixels off";
+}
+
 TEST_F(LocaliserTest, MatchesAreWhereTheFrameSeesTheTracks) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);
   const Camera& camera = truth_.rig.camera(0);

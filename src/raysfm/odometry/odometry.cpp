@@ -82,10 +82,11 @@ Rigid3 part_of(const Rigid3& motion, double part) {
 
 }  // namespace
 
-Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events)
+Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events, const ViewMaker* maker)
     : options_(options),
       rig_(std::move(rig), options.error),
       events_(std::move(events)),
+      maker_(maker),
       localiser_(rig_, options_),
       mapper_(rig_, options_) {
   starter_.emplace(rig_, options_);
@@ -102,13 +103,23 @@ void Odometry::process(ViewPtr view) {
   frames_.back().name = view->name;
   frames_.back().reason = view->defect;
   if (!view->defect.empty()) return;
-  detect_timing_.add(view->detect_ms);
+  const double ahead_ms = view->detect_ms;
+  detected_ms_ = 0;
   if (tracking()) {
-    track(view);
-  } else if (segments_.empty() || !relocalise(view)) {
-    start(view);
+    track(std::move(view));
+  } else {
+    view = detected(view);
+    if (segments_.empty() || !relocalise(view)) start(view);
   }
-  frame_timing_.add(view->detect_ms + milliseconds_since(begin));
+  detect_timing_.add(ahead_ms + detected_ms_);
+  frame_timing_.add(ahead_ms + milliseconds_since(begin));
+}
+
+ViewPtr Odometry::detected(const ViewPtr& view) {
+  if (!maker_) return view;
+  ViewPtr with_corners = maker_->detected(view);
+  detected_ms_ += with_corners->detect_ms - view->detect_ms;
+  return with_corners;
 }
 
 void Odometry::start(const ViewPtr& view) {
@@ -278,7 +289,16 @@ Rigid3 Odometry::moved_on(const View& view) const {
   return part_of(previous_->velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
 }
 
-Localisation Odometry::localise(const View& view) {
+// Most frames are where their predecessors lead and need no corners.
+Localisation Odometry::localise(ViewPtr* view) {
+  Localisation pose = localiser_.follow(segment().map, segment().views, local_, **view, moved_on(**view),
+                                        Prediction::kCoarse);
+  if (convincing(pose)) return pose;
+  *view = detected(*view);
+  return search(**view);
+}
+
+Localisation Odometry::search(const View& view) {
   const Rigid3 still = previous_->pose.rig_from_world, moving = moved_on(view);
   Localisation best;
   for (int attempt = 0; attempt < 4; ++attempt) {
@@ -292,8 +312,8 @@ Localisation Odometry::localise(const View& view) {
   return best;
 }
 
-void Odometry::track(const ViewPtr& view) {
-  Localisation pose = localise(*view);
+void Odometry::track(ViewPtr view) {
+  Localisation pose = localise(&view);
   if (!believable(pose)) {
     lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
                                      pose.matched_with_anchor, pose.visible_in_anchor)
@@ -303,18 +323,19 @@ void Odometry::track(const ViewPtr& view) {
   if (needs_keyframe(view->frame, pose)) {
     const bool previous_is_keyframe = segment().map.keyframes.back().frame == previous_->view->frame;
     if (previous_is_keyframe) {
+      view = detected(view);
       promote(view, pose);
       const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
       pose.rig_from_world = keyframes.back().rig_from_world;
       previous_->pose.rig_from_world = keyframes[keyframes.size() - 2].rig_from_world;
     } else {
       Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
+      previous_->view = detected(previous_->view);
       step.translation *= promote(previous_->view, previous_->pose);
       previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
       const Rigid3 predicted = step * previous_->pose.rig_from_world;
-      pose = localiser_.localise(segment().map, segment().views, local_, *view, predicted,
-                                 range_of(kNear, *view));
-      if (!convincing(pose)) pose = localise(*view);
+      pose = localiser_.follow(segment().map, segment().views, local_, *view, predicted, Prediction::kExact);
+      if (!convincing(pose)) pose = localise(&view);
       if (!believable(pose)) {
         lose(view, "the new key frame does not see what the frame sees");
         return;
@@ -451,7 +472,7 @@ void Odometry::lose(const ViewPtr& view, const std::string& reason) {
   frames_[view->frame].reason = "track lost: " + reason;
   previous_.reset();
   starter_.emplace(rig_, options_);
-  start(view);
+  start(detected(view));
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {

@@ -12,6 +12,7 @@
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/relocaliser.h"
 #include "raysfm/odometry/starter.h"
+#include "raysfm/odometry/view_maker.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
@@ -29,8 +30,9 @@ struct OdometryTimings {
 // Where track is lost, the key frames are searched for again while a new segment tries to start.
 class Odometry {
  public:
-  // Valid options; the views hold an image of each camera of the rig.
-  Odometry(Rig rig, const OdometryOptions& options, EventSink events);
+  // Valid options; the views hold an image of each camera of the rig. They may lack their corners where
+  // `maker`, which outlives this, is given to detect them when they are needed.
+  Odometry(Rig rig, const OdometryOptions& options, EventSink events, const ViewMaker* maker = nullptr);
 
   void process(ViewPtr view);
 
@@ -40,6 +42,7 @@ class Odometry {
   OdometryTimings timings() const;
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
+  bool tracking() const { return previous_.has_value(); }
   int frames() const { return static_cast<int>(frames_.size()); }
 
  private:
@@ -69,8 +72,8 @@ class Odometry {
   };
 
   SegmentState& segment() { return segments_.back(); }
-  bool tracking() const { return previous_.has_value(); }
 
+  ViewPtr detected(const ViewPtr& view);
   void start(const ViewPtr& view);
   void begin_segment(Start start, const std::vector<WaitingView>& views);
   void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
@@ -79,9 +82,10 @@ class Odometry {
   bool pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
                  Rigid3* rig_from_world);
   void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);
-  void track(const ViewPtr& view);
+  void track(ViewPtr view);
   Rigid3 moved_on(const View& view) const;
-  Localisation localise(const View& view);
+  Localisation localise(ViewPtr* view);
+  Localisation search(const View& view);
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
@@ -106,6 +110,7 @@ class Odometry {
   OdometryOptions options_;
   TrackingRig rig_;
   EventSink events_;
+  const ViewMaker* maker_;
   Localiser localiser_;
   Mapper mapper_;
   Relocaliser relocaliser_;  // of the newest segment
@@ -118,6 +123,7 @@ class Odometry {
   double anchor_distance_ = 0;  // median distance of these points from it
   int posed_ = 0;
   StageTiming detect_timing_, start_timing_, frame_timing_;
+  double detected_ms_ = 0;  // during the present frame
 };
 
 }  // namespace raysfm

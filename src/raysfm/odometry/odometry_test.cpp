@@ -3,7 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <map>
+#include <memory>
+#include <span>
 
 #include "raysfm/eval/trajectory_error.h"
 #include "support/synth_views.h"
@@ -62,6 +65,40 @@ Reconstruction run(const Input& input, const OdometryOptions& options = {}, bool
   for (const ViewPtr& view : input.views) odometry.process(view);
   EXPECT_EQ(odometry.frames(), input.size());
   return odometry.finish(final_global);
+}
+
+// A view as it was before its corners were detected.
+ViewPtr without_corners(const View& view) {
+  auto out = std::make_shared<View>();
+  out->frame = view.frame;
+  out->timestamp = view.timestamp;
+  for (const CameraView& camera : view.cameras) {
+    CameraView& image = out->cameras.emplace_back();
+    image.width = camera.width;
+    image.height = camera.height;
+    image.octaves = camera.octaves;
+    image.thumbnail = camera.thumbnail;
+    image.thumbnail_scale = camera.thumbnail_scale;
+  }
+  return out;
+}
+
+struct LateRun {
+  Reconstruction reconstruction;
+  std::vector<uint8_t> detected;  // by frame: corners were detected while it was processed
+};
+
+// The same as run() for views that come without corners.
+LateRun run_without_corners(const Input& input) {
+  const ViewMaker maker({{0, {}, {.max_features = 600}}});
+  Odometry odometry(Rig{{small_camera()}}, {}, {}, &maker);
+  LateRun out;
+  for (const ViewPtr& view : input.views) {
+    odometry.process(without_corners(*view));
+    out.detected.push_back(odometry.timings().detect.samples_ms.back() > 0);
+  }
+  out.reconstruction = odometry.finish(false);
+  return out;
 }
 
 // Error of the frames of one segment that show one scene.
@@ -346,6 +383,42 @@ TEST(Odometry, OnlyBlackFramesGetReasons) {
   const Reconstruction r = run(input);
   expect_sound(r, input);
   EXPECT_TRUE(r.segments.empty());
+}
+
+// Steps so small that not every other frame is a key frame.
+TEST(Odometry, CornersAreDetectedWhereTheyAreNeededAndAreTheSame) {
+  const Input input = one_scene(synth_views("board", "orbit", 96));
+  const Reconstruction at_once = run(input);
+  const LateRun late = run_without_corners(input);
+  ASSERT_EQ(at_once.starts.size(), 1u);
+  ASSERT_EQ(late.reconstruction.frames.size(), at_once.frames.size());
+  for (int i = 0; i < input.size(); ++i) {
+    ASSERT_TRUE(late.reconstruction.frames[i].world_from_rig) << i;
+    EXPECT_EQ(late.reconstruction.frames[i].world_from_rig->translation,
+              at_once.frames[i].world_from_rig->translation)
+        << i;
+  }
+  const int started = at_once.starts[0].frames[2];
+  const auto tracked = std::span(late.detected).subspan(started + 1);
+  const auto detected = std::ranges::count(tracked, 1);
+  // Those of the start had theirs before; the first frame after it has no motion to be predicted from.
+  EXPECT_LE(detected, std::ssize(at_once.keyframes) - 3 + 1);
+  EXPECT_LT(2 * detected, std::ssize(tracked));
+}
+
+// The orbit goes on from where five frames are missing.
+TEST(Odometry, AFrameFarFromItsPredictionIsFoundByItsCorners) {
+  const SynthViews views = synth_views("board", "orbit", 48);
+  Input input;
+  constexpr int kJump = 24, kMissing = 5;
+  for (int i = 0; i < views.size(); ++i) {
+    if (i < kJump || i >= kJump + kMissing) input.add(views, i, 0);
+  }
+  const LateRun late = run_without_corners(input);
+  EXPECT_TRUE(late.detected[kJump]);
+  ASSERT_EQ(late.reconstruction.segments.size(), 1u);
+  EXPECT_TRUE(late.reconstruction.frames[kJump].world_from_rig);
+  expect_small_error(late.reconstruction, input, 0, 0);
 }
 
 }  // namespace

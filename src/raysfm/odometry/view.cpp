@@ -16,7 +16,6 @@ constexpr int kThumbnailWidth = 96;  // pixels at most
 // the width of the edges (Octaves::softness()), from where cameras' pixels are used to the full. Where all
 // pictures are that sharp they would only push better ones out: a fixed share of a fifth costs kitti07-mono
 // an eighth of its accuracy, none at all costs phone-batmobile a fifth of its frames.
-constexpr int kOctavesWithFeatures = 2;
 constexpr float kSharp = 0.6f, kMaxCoarseShare = 0.5f;
 // Of the finest octave: more of them cost more time than they add to what can be seen.
 constexpr int kMaxPixels = 5 << 19;
@@ -68,8 +67,42 @@ void extract_keyframe_patches(KeyFrameView* out) {
   });
 }
 
+// Corners of both octaves, with a grid for each.
+void find_corners(HarrisDetector& detector, const HarrisOptions& options, CameraView* view) {
+  const Octaves& octaves = *view->octaves;
+  HarrisOptions in_octave = options;
+  Features found;
+  view->features.clear();
+  view->grids.clear();
+  for (int o = view->first_octave(); o <= view->last_octave(); ++o) {
+    in_octave.octave = o;
+    const int there = view->features.size();
+    in_octave.max_features =
+        o == octaves.first()
+            ? options.max_features - coarse_features(octaves, options.max_features)
+            : std::max(coarse_features(octaves, options.max_features), options.max_features / 4 - there);
+    detector.detect(octaves.at(o), in_octave, &found);
+    append(found, &view->features);
+    view->grids.emplace_back().build(view->features.pixels, there, view->features.size(), view->width,
+                                     view->height, o);
+  }
+}
+
+void extract_corner_patches(CameraView* view) {
+  const Features& features = view->features;
+  PatchSet patches;
+  view->patches.resize(features.size());
+  for_each_octave(features.octaves, [&](int octave, const std::vector<int>& indices) {
+    const std::span pixels = std::span(features.pixels).subspan(indices.front(), indices.size());
+    extract_patches(*view->octaves, octave, pixels, &patches);
+    for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &view->patches);
+  });
+}
+
 // Of the pixels nearest to the features.
-void take_colors(const ColorPlanes& colors, const Roi& roi, CameraView* view) {
+void take_colors(CameraView* view) {
+  static const ColorPlanes kGrey;
+  const ColorPlanes& colors = view->colors ? *view->colors : kGrey;
   const int octave = view->octaves->first();
   const GrayView image = view->octaves->at(octave);
   view->rgb.clear();
@@ -78,7 +111,7 @@ void take_colors(const ColorPlanes& colors, const Roi& roi, CameraView* view) {
     const int y = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, view->height - 1);
     const uint8_t grey =
         image(std::min(x >> octave, image.width - 1), std::min(y >> octave, image.height - 1));
-    view->rgb.push_back(colors.at(roi.x + x, roi.y + y, grey));
+    view->rgb.push_back(colors.at(view->origin.x() + x, view->origin.y() + y, grey));
   }
 }
 
@@ -96,43 +129,25 @@ void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::
   extract_patches(picture.at(octave), in_octave, patches);
 }
 
-void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view,
-            const ColorPlanes& colors, const Roi& roi) {
+void look(CameraView* view) {
   view->width = view->image.width();
   view->height = view->image.height();
   view->octaves = std::make_shared<const Octaves>(std::move(view->image), kMaxPixels);
   view->image = {};
   const Octaves& octaves = *view->octaves;
-  HarrisOptions in_octave = options;
-  PatchSet patches;
-  Features found;
-  view->features.clear();
-  view->grids.clear();
-  const int last = std::min(octaves.last(), octaves.first() + kOctavesWithFeatures - 1);
-  for (int o = octaves.first(); o <= last; ++o) {
-    in_octave.octave = o;
-    const int there = view->features.size();
-    in_octave.max_features =
-        o == octaves.first()
-            ? options.max_features - coarse_features(octaves, options.max_features)
-            : std::max(coarse_features(octaves, options.max_features), options.max_features / 4 - there);
-    detector.detect(octaves.at(o), in_octave, &found);
-    const int begin = view->features.size();
-    append(found, &view->features);
-    view->grids.emplace_back().build(view->features.pixels, begin, view->features.size(), view->width,
-                                     view->height, o);
-  }
-  const Features& features = view->features;
-  view->patches.resize(features.size());
-  for_each_octave(features.octaves, [&](int octave, const std::vector<int>& indices) {
-    const std::span pixels = std::span(features.pixels).subspan(indices.front(), indices.size());
-    extract_patches(octaves, octave, pixels, &patches);
-    for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &view->patches);
-  });
   int source = octaves.first();
   while (source < octaves.last() && octaves.at(source).width > kThumbnailWidth) ++source;
-  view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &view->thumbnail) << source;
-  take_colors(colors, roi, view);
+  GrayImage thumbnail;
+  view->thumbnail_scale = make_thumbnail(octaves.at(source), kThumbnailWidth, &thumbnail) << source;
+  view->thumbnail = std::make_shared<const GrayImage>(std::move(thumbnail));
+}
+
+void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view) {
+  if (!view->octaves) look(view);
+  find_corners(detector, options, view);
+  extract_corner_patches(view);
+  take_colors(view);
+  view->colors.reset();
 }
 
 ViewPtr images_of(const View& view) {
@@ -148,7 +163,8 @@ ViewPtr images_of(const View& view) {
 }
 
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
-  return estimate_coarse_motion(first.thumbnail, second.thumbnail, static_cast<float>(first.thumbnail_scale));
+  return estimate_coarse_motion(*first.thumbnail, *second.thumbnail,
+                                static_cast<float>(first.thumbnail_scale));
 }
 
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig) {

@@ -22,22 +22,31 @@
 
 namespace raysfm {
 
-// The image of one camera after detection: everything that later stages need of it. Pixels are those of the
-// image as taken, whatever the octave (features/octaves.h) that something was found in.
+constexpr int kOctavesWithFeatures = 2;
+
+// The image of one camera: everything that later stages need of it. Pixels are those of the image as taken,
+// whatever the octave (features/octaves.h) that something was found in. It is filled in two steps, look() and
+// detect(), of which a view that is only posed needs the first alone.
 struct CameraView {
-  GrayImage image;  // until detection, which moves it into the octaves
+  GrayImage image;  // until look(), which moves it into the octaves
   int width = 0, height = 0;
   std::shared_ptr<const Octaves> octaves;
+  std::shared_ptr<const GrayImage> thumbnail;
+  int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
+  // Of the picture in which this image begins at `origin`; let go by detect(). Null where it is grey.
+  std::shared_ptr<const ColorPlanes> colors;
+  Eigen::Vector2i origin = Eigen::Vector2i::Zero();
+
+  // By detect():
   Features features;
   PatchSet patches;                         // of the features, in their octaves
   std::vector<FeatureGrid> grids;           // of the features of octaves->first(), and of those that follow
   std::vector<std::array<uint8_t, 3>> rgb;  // of the features; greys where the input is grey
-  GrayImage thumbnail;
-  int thumbnail_scale = 1;  // pixels of the image per pixel of the thumbnail
 
+  bool detected() const { return !grids.empty(); }
   // The octaves with features.
   int first_octave() const { return octaves->first(); }
-  int last_octave() const { return octaves->first() + static_cast<int>(grids.size()) - 1; }
+  int last_octave() const { return octaves->clamp(octaves->first() + kOctavesWithFeatures - 1); }
   int clamp_octave(int octave) const { return std::clamp(octave, first_octave(), last_octave()); }
   const FeatureGrid& grid(int octave) const { return grids[octave - octaves->first()]; }
 };
@@ -48,8 +57,10 @@ struct View {
   double timestamp = 0;  // seconds
   std::string name;
   std::vector<CameraView> cameras;
-  std::string defect;  // why an image cannot be used; empty: none. There are no cameras then
-  double detect_ms = 0;
+  std::string defect;    // why an image cannot be used; empty: none. There are no cameras then
+  double detect_ms = 0;  // that both steps took ahead of time
+
+  bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
 };
 
 using ViewPtr = std::shared_ptr<const View>;
@@ -57,10 +68,12 @@ using ViewPtr = std::shared_ptr<const View>;
 // Motion of the image as a whole between two views, told by their thumbnails.
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second);
 
-// Fills all the rest from the image. `detector` holds scratch memory; one per thread. `colors` are those of
-// the image of which `roi` is the view's.
-void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view,
-            const ColorPlanes& colors = {}, const Roi& roi = {});
+// The first step, from the image: octaves and thumbnail.
+void look(CameraView* view);
+
+// The second step, with the first where that is still to do: corners with their patches and colours.
+// `detector` holds scratch memory; one per thread.
+void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* view);
 
 // The images of a view without what detection found in them: what remains of it in a key frame.
 ViewPtr images_of(const View& view);
