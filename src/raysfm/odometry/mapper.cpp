@@ -239,9 +239,10 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   }
 }
 
-bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation* result) {
+// The rays of a track in the world. Returns the largest standard deviation of their pixels.
+float Mapper::gather_rays(const Map& map, const Track& track) {
   rays_.clear();
-  float sigma = 0;  // pixels, the largest
+  float sigma = 0;
   for (const TrackObservation& o : track.observations) {
     const MapKeyFrame& k = map.keyframes[o.keyframe];
     sigma = std::max(sigma, octave_side(k.octaves[o.feature]));
@@ -251,35 +252,40 @@ bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation
     const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
     rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
   }
-  // Most tracks without a position are far away; their parallax tells it at once.
-  double largest = 0;
-  for (const Ray& ray : rays_)
-    largest = std::max(largest, (ray.direction - rays_[0].direction).squaredNorm());
-  if (largest < kLeastParallax * kLeastParallax) return false;
-  return triangulate(rays_, result) && result->max_angle < kInlierError * sigma / rig_.pixels_per_radian();
+  return sigma;
 }
 
+bool Mapper::triangulate_track(const Map& map, Track* track) {
+  Triangulation found;
+  const float sigma = gather_rays(map, *track);
+  if (!triangulate(rays_, &found)) return false;
+  if (found.max_angle >= kInlierError * sigma / rig_.pixels_per_radian()) return false;
+  track->position = found.point;
+  track->triangulated = track->had_position = true;
+  return true;
+}
+
+// The parallax tells which of the tracks are worth the rest of the work: most are far away.
 void Mapper::triangulate_tracks(int keyframe, Map* map) {
-  const MapKeyFrame& seen_from = map->keyframes[keyframe];
   int known = 0;
   candidates_.clear();
-  for (const int t : seen_from.tracks) {
+  for (const int t : map->keyframes[keyframe].tracks) {
     if (t < 0) continue;
-    known += map->tracks[t].triangulated;
-    Triangulation result;
-    if (map->tracks[t].triangulated || map->tracks[t].observations.size() < 2) continue;
-    if (!triangulate_track(*map, map->tracks[t], &result) || result.parallax < kLeastParallax) continue;
-    candidates_.push_back({-result.parallax, t, result.point});
+    const Track& track = map->tracks[t];
+    known += track.triangulated;
+    if (track.triangulated || track.observations.size() < 2) continue;
+    gather_rays(*map, track);
+    const double parallax = largest_parallax(rays_);
+    if (parallax >= kLeastParallax) candidates_.push_back({-parallax, t});
   }
   std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
     return std::tie(a.negative_parallax, a.track) < std::tie(b.negative_parallax, b.track);
   });
   for (const Candidate& c : candidates_) {
     if (-c.negative_parallax < kMinParallax && known >= kEnoughPoints) break;
-    ++known;
     Track& track = map->tracks[c.track];
-    track.position = c.point;
-    track.triangulated = track.had_position = true;
+    if (!triangulate_track(*map, &track)) continue;
+    ++known;
     for (const TrackObservation& o : track.observations) map->keyframes[o.keyframe].inliers[o.feature] = 1;
   }
 }

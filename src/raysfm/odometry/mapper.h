@@ -50,14 +50,14 @@ class Mapper {
   struct Candidate {
     double negative_parallax;
     int track;
-    Eigen::Vector3d point;
   };
 
   void follow_in(int camera, int from, int to, const View& view, Map* map,
                  std::span<const KeyFrameView> views);
   void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
-  bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
+  float gather_rays(const Map& map, const Track& track);
+  bool triangulate_track(const Map& map, Track* track);
   void choose_window(const Map& map, int first_observed);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
