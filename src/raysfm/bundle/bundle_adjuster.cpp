@@ -84,15 +84,16 @@ BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleO
   return summary;
 }
 
-BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem, const BundleOptions& options,
-                                               double inlier_threshold) {
+BundleSummary BundleAdjuster::adjust_two_stage(const BundleProblem& problem,
+                                               const BundleOptions& first_options,
+                                               const BundleOptions& second_options, double inlier_threshold) {
   const Clock::time_point start = Clock::now();
-  const BundleSummary first = adjust(problem, options);
+  const BundleSummary first = adjust(problem, first_options);
   if (first.termination == Termination::kInvalidProblem || first.termination == Termination::kInterrupted) {
     return first;
   }
   workspace_->mark(problem, inlier_threshold);
-  BundleSummary summary = adjust(problem, options);
+  BundleSummary summary = adjust(problem, second_options);
   workspace_->mark(problem, inlier_threshold);
   summary.initial_cost = first.initial_cost;
   summary.iterations += first.iterations;

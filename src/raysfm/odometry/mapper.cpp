@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <tuple>
 
-#include "raysfm/bundle/local_bundle.h"
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
 
@@ -15,7 +14,14 @@ constexpr float kMinMapZncc = 0.75f;
 // where a key frame has too few others.
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
 constexpr int kEnoughPoints = 200;
-const BundleOptions kAdjustment{.loss = {RobustLoss::Kind::kHuber, 1.0}, .min_relative_decrease = 1e-4};
+constexpr RobustLoss kLoss{RobustLoss::Kind::kHuber, 1.0};
+const BundleOptions kAdjustment{.loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-4};
+// A window is near its minimum: two steps tell the outliers, and the second stage goes on from there. One
+// step, and decreases of 1e-4 to 1e-2, change the error of a trajectory by less than the seed does.
+const BundleOptions kFirstSteps{.loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-3};
+const BundleOptions kLocalAdjustment{.loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-3};
+// Up to N_f key frames everything moves: with each of the first, then with every fifth.
+constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;  // standard deviations, which are pixels of the octave
@@ -393,25 +399,25 @@ void Mapper::scatter(int first_free, Map* map) {
   }
 }
 
-void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
-  gather(map, first_observed, first_free);
-  BundleOptions options = kAdjustment;
-  options.max_iterations = max_iterations;
-  adjuster_.adjust_two_stage(window_problem(*map), options, kInlierError);
-  scatter(first_free, map);
+void Mapper::adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second,
+                    Map* map) {
+  gather(map, window.first_observed, window.first_free);
+  adjuster_.adjust_two_stage(window_problem(*map), first, second, kInlierError);
+  scatter(window.first_free, map);
 }
 
 void Mapper::adjust_locally(Map* map) {
   ScopedTimer timer(adjust_timing);
   const int count = static_cast<int>(map->keyframes.size());
-  const LocalWindow window =
-      local_window(count, {options_.free_cameras, options_.window, options_.global_until});
-  adjust(map, window.first_observed, window.first_free, 5);
+  const bool all_is_due = count <= kAlwaysGlobal || count % kGlobalEvery == 0;
+  adjust(
+      local_window(count, {options_.free_cameras, options_.window, all_is_due ? options_.global_until : 0}),
+      kFirstSteps, kLocalAdjustment, map);
 }
 
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
-  adjust(map, 0, 0, 50);
+  adjust({}, kAdjustment, kAdjustment, map);
 }
 
 void Mapper::measure_scale(Map* map) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "raysfm/bundle/bundle_adjuster.h"
+#include "raysfm/bundle/local_bundle.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/odometry/across_matcher.h"
@@ -62,7 +63,7 @@ class Mapper {
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
   void scatter(int first_free, Map* map);
-  void adjust(Map* map, int first_observed, int first_free, int max_iterations);
+  void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
 
   const TrackingRig& rig_;
   const OdometryOptions& options_;
