@@ -1,6 +1,7 @@
 #include "raysfm/odometry/mapper.h"
 
 #include <algorithm>
+#include <cmath>
 #include <tuple>
 
 #include "raysfm/core/median.h"
@@ -86,6 +87,21 @@ class DistancePrior {
   int columns_ = 0;
   std::vector<double> in_cell_;
 };
+
+// How far from where a camera sees the point at `distance` on the ray of a feature it may see what is on the
+// ray, pixels: from half the distance to five times. Infinite where it does not see one of these.
+float reach_along_ray(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                      int target, const Rigid3& target_from_source) {
+  const Eigen::Vector3d origin = keyframe.origins[feature].cast<double>();
+  const Eigen::Vector3d direction = keyframe.directions[feature].cast<double>();
+  Eigen::Vector2d there, nearer, farther;
+  const auto see = [&](double d, Eigen::Vector2d* pixel) {
+    return rig.see(target, target_from_source * Eigen::Vector3d(origin + d * direction), pixel);
+  };
+  if (!see(distance, &there) || !see(0.5 * distance, &nearer) || !see(5.0 * distance, &farther))
+    return INFINITY;
+  return static_cast<float>(std::max((nearer - there).norm(), (farther - there).norm()));
+}
 
 }  // namespace
 
@@ -216,18 +232,14 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
     if (from.cameras[f] != camera || track < 0 || map->tracks[track].triangulated) continue;
     const double distance = prior.at(from.pixels[f]);
     PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
-    const auto predict = [&](double d, PatchQuery* q) {
-      return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, view.cameras[camera], q);
-    };
-    if (!(distance > 0) || !predict(distance, &query)) continue;
-    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
-    PatchQuery nearer, farther;
-    query.radius = max_radius;
-    if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
-      const float reach =
-          std::max((nearer.predicted - query.predicted).norm(), (farther.predicted - query.predicted).norm());
-      query.radius = std::min(max_radius, kSearchSlack * octave_side(query.octave) + reach);
+    if (!(distance > 0) || !predict_patch(rig_, views[anchor], f, distance, camera, target_from_anchor,
+                                          view.cameras[camera], &query)) {
+      continue;
     }
+    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
+    const float slack = kSearchSlack * octave_side(query.octave);
+    const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);
+    query.radius = std::min(max_radius, slack + reach);
     queries_.push_back(query);
   }
   matcher_.match(views, queries_, view, kMinMapZncc, &matches_);
