@@ -37,7 +37,7 @@ class BundleAdjuster {
                                  double inlier_threshold) {
     return adjust_two_stage(problem, options, options, inlier_threshold);
   }
-  // The same with options for each series.
+  // The same with options for each series; the loss and the threads are those of the first.
   BundleSummary adjust_two_stage(const BundleProblem& problem, const BundleOptions& first_options,
                                  const BundleOptions& second_options, double inlier_threshold);
 
