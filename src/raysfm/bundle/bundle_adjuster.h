@@ -34,7 +34,12 @@ class BundleAdjuster {
   // be empty. The summary spans both: the initial cost of the first, the final cost of the second, the sum of
   // the iterations and times, the drops of the second.
   BundleSummary adjust_two_stage(const BundleProblem& problem, const BundleOptions& options,
-                                 double inlier_threshold);
+                                 double inlier_threshold) {
+    return adjust_two_stage(problem, options, options, inlier_threshold);
+  }
+  // The same with options for each series; the loss and the threads are those of the first.
+  BundleSummary adjust_two_stage(const BundleProblem& problem, const BundleOptions& first_options,
+                                 const BundleOptions& second_options, double inlier_threshold);
 
  private:
   class Workspace;

@@ -10,8 +10,6 @@
 namespace raysfm {
 namespace {
 
-using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
-
 constexpr int kChunk = 4;          // blocks of lanes
 constexpr int kPointChunk = 1024;  // points
 
@@ -26,16 +24,17 @@ void BundleCore<N>::State::load(const BundleProblem& problem, size_t lane_count)
 }
 
 template <int N>
-bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& options) {
+bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& options, Taking taking) {
   problem_ = problem;
   loss_ = options.loss;
   if (!team_ || team_->threads() != options.threads) team_ = std::make_unique<WorkTeam>(options.threads);
-  layout_.build(problem);
+  layout_.build(problem, taking);
   const size_t lanes = layout_.lanes.size();
   active_.resize(lanes);
   active_count_ = dropped_ = 0;
   for (size_t k = 0; k < lanes; ++k) {
-    active_[k] = layout_.lanes[k].observation >= 0;
+    const int i = layout_.lanes[k].observation;
+    active_[k] = i >= 0 && (problem.is_inlier.empty() || problem.is_inlier[i]);
     active_count_ += active_[k];
   }
   is_lost_.assign(lanes, 0);
@@ -221,17 +220,67 @@ double BundleCore<N>::work_on_chunk(int chunk, State& state, bool linearize) {
 }
 
 template <int N>
-double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State& state, bool linearize,
-                                    bool* loses) {
+template <typename Use>
+auto BundleCore<N>::with_residual(const ObservationLayout::Group& group, const State& state, Use use) const {
   const double *u = layout_.u.data(), *v = layout_.v.data();
   if constexpr (N == 9) {
-    return work_on_lanes(group, LensResidual(state.lenses[group.pose], u, v), state, linearize, loses);
+    return use(LensResidual(state.lenses[group.pose], u, v));
   } else {
-    if (!problem_.rays.empty())
-      return work_on_lanes(group, AngularResidual(rays_.data()), state, linearize, loses);
-    return with_pixel_residual(problem_.cameras[group.camera], u, v, [&](const BlockResidual& residual) {
-      return work_on_lanes(group, residual, state, linearize, loses);
-    });
+    if (!problem_.rays.empty()) return use(AngularResidual(rays_.data()));
+    return with_pixel_residual(problem_.cameras[group.camera], u, v, use);
+  }
+}
+
+template <int N>
+double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State& state, bool linearize,
+                                    bool* loses) {
+  return with_residual(group, state, [&](const BlockResidual& residual) {
+    return work_on_lanes(group, residual, state, linearize, loses);
+  });
+}
+
+template <int N>
+BundleCore<N>::Frame::Frame(const Rigid3& pose)
+    : rotation(pose.rotation.toRotationMatrix()), translation(pose.translation) {
+  if (rotation.allFinite()) return;
+  rotation.setIdentity();  // nothing of it may get into the sums
+  translation.setConstant(NAN);
+}
+
+template <int N>
+void BundleCore<N>::load_points(int begin, const State& state, Block* block) const {
+  for (int k = 0; k < kBlockLanes; ++k) {
+    const Eigen::Vector3d& p = state.points[layout_.lanes[begin + k].point];
+    for (int c = 0; c < 3; ++c) block->x[c][k] = p[c];
+  }
+}
+
+template <int N>
+void BundleCore<N>::mark_inliers(double threshold) {
+  active_count_ = dropped_ = 0;
+  for (const ObservationLayout::Group& group : layout_.groups) {
+    with_residual(group, current_,
+                  [&](const BlockResidual& residual) { mark_group(group, residual, threshold); });
+  }
+}
+
+template <int N>
+void BundleCore<N>::mark_group(const ObservationLayout::Group& group, const BlockResidual& residual,
+                               double threshold) {
+  const Frame frame(current_.poses[group.pose]);
+  Block block;
+  for (int begin = group.begin; begin < group.end; begin += kBlockLanes) {
+    load_points(begin, current_, &block);
+    transform_points(frame.rotation.data(), frame.translation.data(), &block);
+    residual.evaluate(begin, false, &block);
+    for (int k = begin; k < begin + kBlockLanes; ++k) {
+      const int i = layout_.lanes[k].observation;
+      if (i < 0) continue;
+      const double weight = layout_.weight.empty() ? 1.0 : layout_.weight[k];
+      const bool fits = weight * block.squared[k - begin] <= threshold * threshold;  // false for NaN
+      active_[k] = problem_.is_inlier[i] = fits;
+      active_count_ += fits;
+    }
   }
 }
 
@@ -240,12 +289,7 @@ double BundleCore<N>::work_on_group(const ObservationLayout::Group& group, State
 template <int N>
 double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual,
                                     State& state, bool linearize, bool* loses) {
-  Eigen::Vector3d translation = state.poses[group.pose].translation;
-  RowMajor3 rotation = state.poses[group.pose].rotation.toRotationMatrix();
-  if (!rotation.allFinite()) {  // all lanes are lost, and nothing of it may get into the sums
-    rotation.setIdentity();
-    translation.setConstant(NAN);
-  }
+  const Frame frame(state.poses[group.pose]);
   const bool moves = linearize && group.system_pose >= 0;
   PoseSums<N> sums;
   if (moves) std::memset(&sums, 0, sizeof(sums));
@@ -253,14 +297,9 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
   double lane_sums[kBlockLanes] = {};
   for (int begin = group.begin; begin < group.end; begin += kChunk * kBlockLanes) {
     const int count = std::min(kChunk, (group.end - begin) / kBlockLanes);
+    for (int i = 0; i < count; ++i) load_points(begin + i * kBlockLanes, state, &blocks[i]);
     for (int i = 0; i < count; ++i) {
-      for (int k = 0; k < kBlockLanes; ++k) {
-        const Eigen::Vector3d& p = state.points[layout_.lanes[begin + i * kBlockLanes + k].point];
-        for (int c = 0; c < 3; ++c) blocks[i].x[c][k] = p[c];
-      }
-    }
-    for (int i = 0; i < count; ++i) {
-      transform_points(rotation.data(), translation.data(), &blocks[i]);
+      transform_points(frame.rotation.data(), frame.translation.data(), &blocks[i]);
       residual.evaluate(begin + i * kBlockLanes, linearize, &blocks[i]);
     }
     for (int i = 0; i < count; ++i) {
@@ -269,9 +308,9 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
     if (!linearize) continue;
     for (int i = 0; i < count; ++i) {
       if (moves) {
-        point_and_pose_terms(rotation.data(), &blocks[i], &sums);
+        point_and_pose_terms(frame.rotation.data(), &blocks[i], &sums);
       } else {
-        point_terms(rotation.data(), &blocks[i]);
+        point_terms(frame.rotation.data(), &blocks[i]);
       }
     }
     for (int i = 0; i < count; ++i) store_block(begin + i * kBlockLanes, blocks[i]);

@@ -18,8 +18,9 @@ namespace raysfm {
 template <int N>
 class BundleCore {
  public:
-  // False where nothing moves. The problem must be valid and stay where it is until store().
-  bool load(const BundleProblem& problem, const BundleOptions& options);
+  // False where nothing moves. The problem must be valid and stay where it is until store(). Inliers are
+  // used; all must be taken where mark_inliers() is to follow.
+  bool load(const BundleProblem& problem, const BundleOptions& options, Taking taking = Taking::kInliers);
   void store() const;
   int used() const { return active_count_; }
   int dropped() const { return dropped_; }
@@ -28,6 +29,10 @@ class BundleCore {
   LmStep solve(double damping) { return system_.solve(damping, *team_); }
   LmTrial evaluate(bool linearize);
   void accept();
+
+  // Makes inliers, of the problem too, of the observations whose residual at the current state is at most the
+  // threshold: these are used from now on.
+  void mark_inliers(double threshold);
 
   const ObservationLayout& layout() const { return layout_; }
   SchurSystem<N>& system() { return system_; }
@@ -44,7 +49,18 @@ class BundleCore {
   };
   using Block = ObservationBlock<N>;
 
+  // A pose, to transform points by eights. Where it is not finite, all points are lost.
+  struct Frame {
+    explicit Frame(const Rigid3& pose);
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation;
+    Eigen::Vector3d translation;
+  };
+
   void load_rays();
+  template <typename Use>
+  auto with_residual(const ObservationLayout::Group& group, const State& state, Use use) const;
+  void load_points(int begin, const State& state, Block* block) const;
+  void mark_group(const ObservationLayout::Group& group, const BlockResidual& residual, double threshold);
   void move(State& state) const;
   double work(State& state, bool linearize);
   double scale_prior_cost(const State& state, bool linearize);

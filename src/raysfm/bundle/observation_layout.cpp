@@ -63,8 +63,8 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
   return true;
 }
 
-void ObservationLayout::build(const BundleProblem& problem) {
-  sort_inliers(problem);
+void ObservationLayout::build(const BundleProblem& problem, Taking taking) {
+  sort_observations(problem, taking);
   fill_lanes(problem);
   weigh_lanes(problem);
   list_lanes_of_points();
@@ -72,10 +72,11 @@ void ObservationLayout::build(const BundleProblem& problem) {
   cut_chunks();
 }
 
-void ObservationLayout::sort_inliers(const BundleProblem& problem) {
+void ObservationLayout::sort_observations(const BundleProblem& problem, Taking taking) {
+  const bool all = taking == Taking::kAll || problem.is_inlier.empty();
   order_.clear();
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (problem.is_inlier.empty() || problem.is_inlier[i]) order_.push_back(static_cast<int>(i));
+    if (all || problem.is_inlier[i]) order_.push_back(static_cast<int>(i));
   }
   if (problem.cameras.size() > 1 && problem.rays.empty() && problem.lenses.empty()) {
     const auto camera = [&](int i) { return problem.observations[i].camera; };

@@ -6,7 +6,10 @@
 
 namespace raysfm {
 
-// The inliers of a problem in the order in which the adjustment works on them: by pose, then by camera,
+// Which observations of a problem take part.
+enum class Taking { kInliers, kAll };
+
+// The observations of a problem in the order in which the adjustment works on them: by pose, then by camera,
 // padded so that each group of one pose and one camera fills whole blocks of kBlockLanes lanes. Where no
 // camera is looked at (rays, lenses), a pose is one group.
 //
@@ -14,7 +17,7 @@ namespace raysfm {
 //     groups    0                        1                    2
 //     chunks    0                                             1
 //
-// And the numbering of what moves: free poses with an inlier, points that are not fixed and have an inlier,
+// And the numbering of what moves: free poses and points that are not fixed, both with an observation,
 // and the slots of the normal equations (optim/schur_system.h). Memory only grows.
 struct ObservationLayout {
   struct Group {
@@ -42,10 +45,10 @@ struct ObservationLayout {
   std::vector<int> pose_of_slot;
 
   // The problem must be valid.
-  void build(const BundleProblem& problem);
+  void build(const BundleProblem& problem, Taking taking = Taking::kInliers);
 
  private:
-  void sort_inliers(const BundleProblem& problem);
+  void sort_observations(const BundleProblem& problem, Taking taking);
   void fill_lanes(const BundleProblem& problem);
   void weigh_lanes(const BundleProblem& problem);
   void list_lanes_of_points();

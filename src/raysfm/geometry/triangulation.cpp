@@ -14,16 +14,6 @@ using Eigen::Vector3d;
 
 constexpr double kMinParallax = 1e-7;  // radians; below it the depth is rounding
 
-double largest_parallax(std::span<const Ray> rays) {
-  double parallax = 0;
-  for (size_t i = 0; i < rays.size(); ++i) {
-    for (size_t j = 0; j < i; ++j) {
-      parallax = std::max(parallax, angle_between(rays[i].direction, rays[j].direction));
-    }
-  }
-  return parallax;
-}
-
 // Closest point to all lines in the sense of least squares. The origins are taken relative to the first, so
 // that a world far from its origin costs no digits.
 bool closest_point(std::span<const Ray> rays, Vector3d* point) {
@@ -85,6 +75,18 @@ bool refine(std::span<const Ray> rays, Vector3d* point) {
 
 double angle_between(const Vector3d& unit_a, const Vector3d& unit_b) {
   return 2 * std::atan2((unit_a - unit_b).norm(), (unit_a + unit_b).norm());
+}
+
+double largest_parallax(std::span<const Ray> rays) {
+  double farthest = 0;
+  size_t first = 0, second = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      const double chord = (rays[i].direction - rays[j].direction).squaredNorm();
+      if (chord > farthest) farthest = chord, first = i, second = j;
+    }
+  }
+  return farthest > 0 ? angle_between(rays[first].direction, rays[second].direction) : 0;
 }
 
 bool triangulate_midpoint(const Ray& a, const Ray& b, Vector3d* point) {

@@ -18,6 +18,9 @@ struct Triangulation {
 // Angle between two unit vectors, accurate also near 0 and pi; radians in [0, pi].
 double angle_between(const Eigen::Vector3d& unit_a, const Eigen::Vector3d& unit_b);
 
+// The largest angle between the directions of two of the rays, radians in [0, pi]; 0 of fewer than two.
+double largest_parallax(std::span<const Ray> rays);
+
 // The point halfway between two rays at their closest approach. False for parallel rays and when the closest
 // approach lies behind an origin. Two square roots and no iteration: for the inner loops of RANSAC.
 bool triangulate_midpoint(const Ray& a, const Ray& b, Eigen::Vector3d* point);

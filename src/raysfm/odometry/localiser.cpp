@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <unordered_set>
+#include <utility>
 
 namespace raysfm {
 namespace {
@@ -44,31 +44,52 @@ int overlap(const Map& map, const TrackingRig& rig, int k, int anchor) {
   return seen;
 }
 
-// The patch that a track is looked for with: the earliest one that the anchor would see at about the same
-// scale and from about the same side. Patches taken over from key frame to key frame would drift; this one
-// does not.
-LocalPoint reference_patch(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
-                           int track, int anchor, LocalPoint latest) {
-  const Eigen::Vector3d position = map.tracks[track].position;
-  const auto from_camera = [&](int k, int camera) -> Eigen::Vector3d {
-    return position -
-           (map.keyframes[k].rig_from_world.inverse() * rig.camera(camera).rig_from_cam).translation;
-  };
-  const Eigen::Vector3d seen = from_camera(anchor, map.keyframes[latest.keyframe].cameras[latest.feature]);
-  for (const TrackObservation& o : map.tracks[track].observations) {
-    if (o.keyframe >= latest.keyframe) break;
-    if (!views[o.keyframe].view || !map.keyframes[o.keyframe].inliers[o.feature]) continue;
-    const Eigen::Vector3d then = from_camera(o.keyframe, map.keyframes[o.keyframe].cameras[o.feature]);
-    const double scale = then.norm() / seen.norm();
-    const double cosine = then.dot(seen) / (then.norm() * seen.norm());
-    if (scale > 1 / kMaxScaleChange && scale < kMaxScaleChange && cosine > kMinViewCosine) {
-      latest.keyframe = o.keyframe;
-      latest.feature = o.feature;
-      break;
+// Chooses the patch that a track is looked for with: the earliest one that the anchor would see at about the
+// same scale and from about the same side. Patches taken over from key frame to key frame would drift; this
+// one does not.
+class ReferencePatches {
+ public:
+  ReferencePatches(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig, int anchor)
+      : map_(map), views_(views), cameras_(rig.size()), anchor_(anchor) {
+    centers_.resize(views.size() * cameras_);
+    for (int k = 0; k < static_cast<int>(views.size()); ++k) {
+      if (!views[k].view && k != anchor) continue;
+      const Rigid3 world_from_rig = map.keyframes[k].rig_from_world.inverse();
+      for (int c = 0; c < cameras_; ++c)
+        centers_[static_cast<size_t>(k) * cameras_ + c] =
+            (world_from_rig * rig.camera(c).rig_from_cam).translation;
     }
   }
-  return latest;
-}
+
+  LocalPoint choose(LocalPoint latest) const {
+    const Track& track = map_.tracks[latest.track];
+    const int camera = map_.keyframes[latest.keyframe].cameras[latest.feature];
+    const Eigen::Vector3d seen = track.position - center(anchor_, camera);
+    const double seen2 = seen.squaredNorm();
+    for (const TrackObservation& o : track.observations) {
+      if (o.keyframe >= latest.keyframe) break;
+      const MapKeyFrame& k = map_.keyframes[o.keyframe];
+      if (!views_[o.keyframe].view || !k.inliers[o.feature]) continue;
+      const Eigen::Vector3d then = track.position - center(o.keyframe, k.cameras[o.feature]);
+      const double then2 = then.squaredNorm(), dot = then.dot(seen);
+      constexpr double kMaxChange2 = kMaxScaleChange * kMaxScaleChange;
+      const bool like_scale = then2 * kMaxChange2 > seen2 && then2 < kMaxChange2 * seen2;
+      if (like_scale && dot > 0 && dot * dot > kMinViewCosine * kMinViewCosine * then2 * seen2)
+        return {latest.track, o.keyframe, o.feature, latest.in_anchor};
+    }
+    return latest;
+  }
+
+ private:
+  const Eigen::Vector3d& center(int keyframe, int camera) const {
+    return centers_[static_cast<size_t>(keyframe) * cameras_ + camera];
+  }
+
+  const Map& map_;
+  std::span<const KeyFrameView> views_;
+  int cameras_, anchor_;
+  std::vector<Eigen::Vector3d> centers_;  // of the cameras in the world, where there are images
+};
 
 }  // namespace
 
@@ -86,15 +107,16 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   others.resize(std::min<size_t>(others.size(), reach));
   others.insert(others.begin(), {0, anchor});
 
-  std::unordered_set<int> taken;
+  const ReferencePatches patches(map, views, rig, anchor);
+  std::vector<uint8_t> taken(map.tracks.size(), 0);
   for (const auto& [seen, k] : others) {
     if (static_cast<int>(local.points.size()) >= max_local_points(rig)) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
       const int track = keyframe.tracks[f];
       if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
-      if (!taken.insert(track).second) continue;
-      local.points.push_back(reference_patch(map, views, rig, track, anchor, {track, k, f, k == anchor}));
+      if (std::exchange(taken[track], 1)) continue;
+      local.points.push_back(patches.choose({track, k, f, k == anchor}));
     }
   }
   const auto source = [&](const LocalPoint& p) {

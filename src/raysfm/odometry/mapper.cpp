@@ -1,9 +1,9 @@
 #include "raysfm/odometry/mapper.h"
 
 #include <algorithm>
+#include <cmath>
 #include <tuple>
 
-#include "raysfm/bundle/local_bundle.h"
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
 
@@ -15,7 +15,14 @@ constexpr float kMinMapZncc = 0.75f;
 // where a key frame has too few others.
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
 constexpr int kEnoughPoints = 200;
-const BundleOptions kAdjustment{.loss = {RobustLoss::Kind::kHuber, 1.0}, .min_relative_decrease = 1e-4};
+constexpr RobustLoss kLoss{RobustLoss::Kind::kHuber, 1.0};
+const BundleOptions kAdjustment{.loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-4};
+// A window is near its minimum: two steps tell the outliers, and the second stage goes on from there. One
+// step, and decreases of 1e-4 to 1e-2, change the error of a trajectory by less than the seed does.
+const BundleOptions kFirstSteps{.loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-3};
+const BundleOptions kLocalAdjustment{.loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-3};
+// Up to N_f key frames everything moves: with each of the first, then with every fifth.
+constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;  // standard deviations, which are pixels of the octave
@@ -80,6 +87,21 @@ class DistancePrior {
   int columns_ = 0;
   std::vector<double> in_cell_;
 };
+
+// How far from where a camera sees the point at `distance` on the ray of a feature it may see what is on the
+// ray, pixels: from half the distance to five times. Infinite where it does not see one of these.
+float reach_along_ray(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                      int target, const Rigid3& target_from_source) {
+  const Eigen::Vector3d origin = keyframe.origins[feature].cast<double>();
+  const Eigen::Vector3d direction = keyframe.directions[feature].cast<double>();
+  Eigen::Vector2d there, nearer, farther;
+  const auto see = [&](double d, Eigen::Vector2d* pixel) {
+    return rig.see(target, target_from_source * Eigen::Vector3d(origin + d * direction), pixel);
+  };
+  if (!see(distance, &there) || !see(0.5 * distance, &nearer) || !see(5.0 * distance, &farther))
+    return INFINITY;
+  return static_cast<float>(std::max((nearer - there).norm(), (farther - there).norm()));
+}
 
 }  // namespace
 
@@ -210,18 +232,14 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
     if (from.cameras[f] != camera || track < 0 || map->tracks[track].triangulated) continue;
     const double distance = prior.at(from.pixels[f]);
     PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
-    const auto predict = [&](double d, PatchQuery* q) {
-      return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, view.cameras[camera], q);
-    };
-    if (!(distance > 0) || !predict(distance, &query)) continue;
-    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
-    PatchQuery nearer, farther;
-    query.radius = max_radius;
-    if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
-      const float reach =
-          std::max((nearer.predicted - query.predicted).norm(), (farther.predicted - query.predicted).norm());
-      query.radius = std::min(max_radius, kSearchSlack * octave_side(query.octave) + reach);
+    if (!(distance > 0) || !predict_patch(rig_, views[anchor], f, distance, camera, target_from_anchor,
+                                          view.cameras[camera], &query)) {
+      continue;
     }
+    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
+    const float slack = kSearchSlack * octave_side(query.octave);
+    const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);
+    query.radius = std::min(max_radius, slack + reach);
     queries_.push_back(query);
   }
   matcher_.match(views, queries_, view, kMinMapZncc, &matches_);
@@ -239,9 +257,10 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   }
 }
 
-bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation* result) {
+// The rays of a track in the world. Returns the largest standard deviation of their pixels.
+float Mapper::gather_rays(const Map& map, const Track& track) {
   rays_.clear();
-  float sigma = 0;  // pixels, the largest
+  float sigma = 0;
   for (const TrackObservation& o : track.observations) {
     const MapKeyFrame& k = map.keyframes[o.keyframe];
     sigma = std::max(sigma, octave_side(k.octaves[o.feature]));
@@ -251,35 +270,40 @@ bool Mapper::triangulate_track(const Map& map, const Track& track, Triangulation
     const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
     rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
   }
-  // Most tracks without a position are far away; their parallax tells it at once.
-  double largest = 0;
-  for (const Ray& ray : rays_)
-    largest = std::max(largest, (ray.direction - rays_[0].direction).squaredNorm());
-  if (largest < kLeastParallax * kLeastParallax) return false;
-  return triangulate(rays_, result) && result->max_angle < kInlierError * sigma / rig_.pixels_per_radian();
+  return sigma;
 }
 
+bool Mapper::triangulate_track(const Map& map, Track* track) {
+  Triangulation found;
+  const float sigma = gather_rays(map, *track);
+  if (!triangulate(rays_, &found)) return false;
+  if (found.max_angle >= kInlierError * sigma / rig_.pixels_per_radian()) return false;
+  track->position = found.point;
+  track->triangulated = track->had_position = true;
+  return true;
+}
+
+// The parallax tells which of the tracks are worth the rest of the work: most are far away.
 void Mapper::triangulate_tracks(int keyframe, Map* map) {
-  const MapKeyFrame& seen_from = map->keyframes[keyframe];
   int known = 0;
   candidates_.clear();
-  for (const int t : seen_from.tracks) {
+  for (const int t : map->keyframes[keyframe].tracks) {
     if (t < 0) continue;
-    known += map->tracks[t].triangulated;
-    Triangulation result;
-    if (map->tracks[t].triangulated || map->tracks[t].observations.size() < 2) continue;
-    if (!triangulate_track(*map, map->tracks[t], &result) || result.parallax < kLeastParallax) continue;
-    candidates_.push_back({-result.parallax, t, result.point});
+    const Track& track = map->tracks[t];
+    known += track.triangulated;
+    if (track.triangulated || track.observations.size() < 2) continue;
+    gather_rays(*map, track);
+    const double parallax = largest_parallax(rays_);
+    if (parallax >= kLeastParallax) candidates_.push_back({-parallax, t});
   }
   std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
     return std::tie(a.negative_parallax, a.track) < std::tie(b.negative_parallax, b.track);
   });
   for (const Candidate& c : candidates_) {
     if (-c.negative_parallax < kMinParallax && known >= kEnoughPoints) break;
-    ++known;
     Track& track = map->tracks[c.track];
-    track.position = c.point;
-    track.triangulated = track.had_position = true;
+    if (!triangulate_track(*map, &track)) continue;
+    ++known;
     for (const TrackObservation& o : track.observations) map->keyframes[o.keyframe].inliers[o.feature] = 1;
   }
 }
@@ -387,25 +411,25 @@ void Mapper::scatter(int first_free, Map* map) {
   }
 }
 
-void Mapper::adjust(Map* map, int first_observed, int first_free, int max_iterations) {
-  gather(map, first_observed, first_free);
-  BundleOptions options = kAdjustment;
-  options.max_iterations = max_iterations;
-  adjuster_.adjust_two_stage(window_problem(*map), options, kInlierError);
-  scatter(first_free, map);
+void Mapper::adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second,
+                    Map* map) {
+  gather(map, window.first_observed, window.first_free);
+  adjuster_.adjust_two_stage(window_problem(*map), first, second, kInlierError);
+  scatter(window.first_free, map);
 }
 
 void Mapper::adjust_locally(Map* map) {
   ScopedTimer timer(adjust_timing);
   const int count = static_cast<int>(map->keyframes.size());
-  const LocalWindow window =
-      local_window(count, {options_.free_cameras, options_.window, options_.global_until});
-  adjust(map, window.first_observed, window.first_free, 5);
+  const bool all_is_due = count <= kAlwaysGlobal || count % kGlobalEvery == 0;
+  adjust(
+      local_window(count, {options_.free_cameras, options_.window, all_is_due ? options_.global_until : 0}),
+      kFirstSteps, kLocalAdjustment, map);
 }
 
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
-  adjust(map, 0, 0, 50);
+  adjust({}, kAdjustment, kAdjustment, map);
 }
 
 void Mapper::measure_scale(Map* map) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "raysfm/bundle/bundle_adjuster.h"
+#include "raysfm/bundle/local_bundle.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/odometry/across_matcher.h"
@@ -50,19 +51,19 @@ class Mapper {
   struct Candidate {
     double negative_parallax;
     int track;
-    Eigen::Vector3d point;
   };
 
   void follow_in(int camera, int from, int to, const View& view, Map* map,
                  std::span<const KeyFrameView> views);
   void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
-  bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
+  float gather_rays(const Map& map, const Track& track);
+  bool triangulate_track(const Map& map, Track* track);
   void choose_window(const Map& map, int first_observed);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
   void scatter(int first_free, Map* map);
-  void adjust(Map* map, int first_observed, int first_free, int max_iterations);
+  void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
 
   const TrackingRig& rig_;
   const OdometryOptions& options_;

@@ -156,7 +156,6 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     previous_->interval = third->view->timestamp - before.timestamp;
   }
   relocaliser_.clear();
-  for (const KeyFrameView& k : segment().views) relocaliser_.add_keyframe(segment().map, *k.view);
   set_anchor(2);
   for (auto it = third + 1; it != views.end(); ++it) {
     if (tracking()) {
@@ -376,7 +375,6 @@ double Odometry::mean_keyframe_distance() const {
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
-  relocaliser_.add_keyframe(segment().map, *view);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(static_cast<int>(segments_.size()) - 1, factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;

@@ -46,9 +46,9 @@ std::vector<int> choose_features(const Map& map, const MapKeyFrame& keyframe, in
 
 }  // namespace
 
-void Relocaliser::add_keyframe(const Map& map, const View& view) {
-  const MapKeyFrame& keyframe = map.keyframes[keyframes_.size()];
-  Keyframe& added = keyframes_.emplace_back();
+void Relocaliser::describe_keyframe(const MapKeyFrame& keyframe, const Map& map, const View& view,
+                                    Keyframe* out) {
+  out->described = true;
   for (int c = 0; c < static_cast<int>(view.cameras.size()); ++c) {
     const std::vector<int> features = choose_features(map, keyframe, c, view.cameras[c]);
     std::vector<Eigen::Vector2f> pixels;
@@ -59,12 +59,13 @@ void Relocaliser::add_keyframe(const Map& map, const View& view) {
     }
     DescriptorSet set;
     describer_.describe(*view.cameras[c].octaves, pixels, octaves, &set);
-    for (const int i : set.corners) added.features.push_back(features[i]);
-    added.descriptors.insert(added.descriptors.end(), set.descriptors.begin(), set.descriptors.end());
+    for (const int i : set.corners) out->features.push_back(features[i]);
+    out->descriptors.insert(out->descriptors.end(), set.descriptors.begin(), set.descriptors.end());
   }
 }
 
 void Relocaliser::forget_features(int keyframe, std::span<const int> new_index_of_feature) {
+  if (keyframe >= static_cast<int>(keyframes_.size())) return;
   Keyframe& k = keyframes_[keyframe];
   size_t kept = 0;
   for (size_t i = 0; i < k.features.size(); ++i) {
@@ -114,12 +115,14 @@ Place Relocaliser::match(const Map& map, int keyframe, const View& view) const {
 std::vector<Place> Relocaliser::search(const Map& map, std::span<const KeyFrameView> views,
                                        const View& view) {
   describe(view);
-  const int end = static_cast<int>(keyframes_.size());
+  const int end = static_cast<int>(map.keyframes.size());
+  keyframes_.resize(end);
   int oldest = end;
   while (oldest > 0 && views[oldest - 1].view) --oldest;
   const int stride = std::max(1, (end - oldest + kKeyFramesPerSearch - 1) / kKeyFramesPerSearch);
   std::vector<Place> places;
   for (int k = oldest + phase_++ % stride; k < end; k += stride) {
+    if (!keyframes_[k].described) describe_keyframe(map.keyframes[k], map, *views[k].view, &keyframes_[k]);
     Place place = match(map, k, view);
     if (static_cast<int>(place.matches.size()) >= kMinPlaceMatches) places.push_back(std::move(place));
   }

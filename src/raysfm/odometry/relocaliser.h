@@ -19,14 +19,11 @@ struct Place {
 constexpr int kDescribedPoints = 300;    // of a key frame, for one camera
 constexpr int kKeyFramesPerSearch = 12;  // each costs the matching of its points with all corners
 
-// Recognises places seen from a key frame of any age, from any side that leaves them a likeness: descriptors
-// of up to kDescribedPoints points of every key frame of a segment, 36 bytes each, 11 kB for a key frame of
-// one camera. Owns scratch memory.
+// Recognises places seen from a key frame whose images are there, from any side that leaves them a likeness:
+// descriptors of up to kDescribedPoints points of every key frame that was looked at, 36 bytes each, 11 kB
+// for a key frame of one camera. Costs nothing until the first search. Owns scratch memory.
 class Relocaliser {
  public:
-  // The next key frame of the map, whose images the view has.
-  void add_keyframe(const Map& map, const View& view);
-
   // A key frame's features have moved: feature f to new_index_of_feature[f], nowhere where that is < 0.
   void forget_features(int keyframe, std::span<const int> new_index_of_feature);
 
@@ -39,12 +36,14 @@ class Relocaliser {
 
  private:
   struct Keyframe {
+    bool described = false;
     std::vector<int> features;  // of the map's key frame
     std::vector<Descriptor> descriptors;
   };
 
   Place match(const Map& map, int keyframe, const View& view) const;
   void describe(const View& view);
+  void describe_keyframe(const MapKeyFrame& keyframe, const Map& map, const View& view, Keyframe* out);
 
   std::vector<Keyframe> keyframes_;
   Describer describer_;

@@ -15,10 +15,6 @@ using testing_support::TrueMap;
 
 class RelocaliserTest : public testing::Test {
  protected:
-  RelocaliserTest() {
-    for (const KeyFrameView& k : truth_.views) relocaliser_.add_keyframe(truth_.map, *k.view);
-  }
-
   // The view of the camera turned about its axis.
   Rigid3 turned(double step, double angle) const {
     const Rigid3& rig_from_cam = truth_.rig.camera(0).rig_from_cam;
@@ -109,7 +105,6 @@ TEST_F(RelocaliserTest, EveryKeyFrameHasItsTurn) {
     map.keyframes.push_back(k == kSeen ? truth_.map.keyframes[0] : MapKeyFrame{});
     views.emplace_back().view = k == kSeen ? truth_.views[0].view : black;
     map.tracks = truth_.map.tracks;
-    relocaliser_.add_keyframe(map, *views.back().view);
   }
   const ViewPtr view = view_from(turned(0, 0));
   int found = 0;
