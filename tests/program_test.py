@@ -121,6 +121,32 @@ class Eval(ProgramTest):
         self.file("sequence/poses.txt", "".join("1 0 0 %.12g 0 1 0 %.12g 0 0 1 %.12g\n" % p[1:] for p in spiral()))
         self.assertLess(self.json(self.folder / "out", self.folder / "sequence")["ate"]["max"], 1e-8)
 
+    def test_each_world_is_judged_alone(self):
+        """The second world is turned over, three times as large and elsewhere: a joint alignment would be far off."""
+        path = spiral()
+        for name in ("trajectory.txt", "keyframes.txt"):
+            self.file("out/" + name, tum(path[:25]))
+            self.file("out/worlds/1/" + name, tum([(t, 3 * y + 7, -3 * x, 3 * z) for t, x, y, z in path[30:40]]))
+            self.file("out/worlds/2/" + name, tum(path[48:]))
+        for estimate in (self.folder / "out", self.folder / "out/trajectory.txt", self.folder / "out/keyframes.txt"):
+            result = self.json(estimate, self.truth)
+            self.assertEqual((result["matched"], result["coverage"]), (25, 0.5))
+            self.assertLess(result["ate"]["max"], 1e-8)
+            self.assertAlmostEqual(result["coverage_all"], 0.7)
+            main, second, third = result["worlds"]
+            for key in set(main) - {"poses"}:
+                self.assertEqual(main[key], result[key], key)
+            self.assertEqual((main["poses"], second["poses"], third["poses"]), (25, 10, 2))
+            self.assertLess(second["ate"]["max"], 1e-8)
+            self.assertAlmostEqual(second["scale"], 1 / 3)
+            self.assertAlmostEqual(second["coverage"], 0.2)
+            self.assertIn("at least 3 are needed", third["reason"])
+        table = run("eval", self.folder / "out", self.truth).stdout
+        for text in ("main of 3 worlds", "worlds/1", "coverage 20.0 %", "worlds/2", "all             coverage 70.0 %"):
+            self.assertIn(text, table)
+        self.assertEqual(len(self.json(self.truth, self.truth)["worlds"]), 1)
+        self.assertNotIn("worlds", run("eval", self.truth, self.truth).stdout)
+
     def test_table_and_quiet(self):
         done = run("eval", self.truth, self.truth)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
@@ -132,6 +158,10 @@ class Eval(ProgramTest):
         picture = self.folder / "plot.png"
         self.assertEqual(run("eval", self.truth, self.truth, "--plot", picture).returncode, 0)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        other = self.file("other.txt", tum(spiral()))
+        for files in ((other, self.truth), (self.truth, other)):
+            self.refused("eval", *files, "--plot", other, says=["--plot", other, "overwrite"])
+        self.assertEqual(other.read_text(), tum(spiral()))
 
     def test_bad_input(self):
         bad = self.file("bad.txt", "0 0 0 0 0 0 0 1\n1 0 0 zero 0 0 0 1\n")

@@ -1,17 +1,23 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "commands.h"
 #include "raysfm/eval/trajectory_error.h"
+#include "raysfm/io/atomic_file.h"
 #include "raysfm/io/plot.h"
 #include "raysfm/io/trajectory_file.h"
 
 namespace raysfm::app {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 struct EvalOptions {
   std::string estimate;
@@ -27,9 +33,14 @@ Alignment alignment_of(const std::string& name) {
   return name == "se3" ? Alignment::kSe3 : Alignment::kNone;
 }
 
-std::string as_json(const Evaluation& e, const EvalOptions& options) {
-  nlohmann::ordered_json json;
-  json["align"] = options.align;
+// A world of the estimate, and how it compares.
+struct World {
+  Trajectory estimate;
+  Result<Evaluation> evaluation;
+};
+
+Json json_of(const Evaluation& e) {
+  Json json;
   json["scale"] = e.truth_from_estimate.scale;
   json["matched"] = e.matches.size();
   json["coverage"] = e.coverage;
@@ -41,6 +52,19 @@ std::string as_json(const Evaluation& e, const EvalOptions& options) {
   if (e.kitti) {
     json["kitti"]["t_rel_percent"] = e.kitti->t_rel_percent;
     json["kitti"]["r_rel_deg_per_100m"] = e.kitti->r_rel_deg_per_100m;
+  }
+  return json;
+}
+
+std::string as_json(const std::vector<World>& worlds, double coverage, const EvalOptions& options) {
+  Json json = {{"align", options.align}};
+  json.update(json_of(*worlds.front().evaluation));
+  json["coverage_all"] = coverage;
+  json["worlds"] = Json::array();
+  for (const auto& [estimate, evaluation] : worlds) {
+    Json world = {{"poses", estimate.size()}};
+    world.update(evaluation ? json_of(*evaluation) : Json{{"reason", evaluation.error().message}});
+    json["worlds"].push_back(std::move(world));
   }
   return json.dump(2) + "\n";
 }
@@ -72,30 +96,71 @@ std::string as_table(const Evaluation& e, const Trajectory& truth, const EvalOpt
   return text;
 }
 
+// The other worlds in a line each, which share neither frame nor scale with the main one.
+std::string worlds_table(const std::vector<World>& worlds, double coverage) {
+  if (worlds.size() == 1) return "";
+  std::string text =
+      fmt::format("\nThe above is the main of {} worlds that share neither frame nor scale; each alone:\n",
+                  worlds.size());
+  for (size_t i = 0; i < worlds.size(); ++i) {
+    const auto& [estimate, evaluation] = worlds[i];
+    text +=
+        fmt::format("{:<18}{} poses, ", i == 0 ? "  main" : fmt::format("  worlds/{}", i), estimate.size());
+    text += evaluation ? fmt::format("coverage {:.1f} %, scale {:.6g}, rmse {:.5g} m, mean {:.5g} m\n",
+                                     100 * evaluation->coverage, evaluation->truth_from_estimate.scale,
+                                     evaluation->ate.rmse, evaluation->ate.mean)
+                       : evaluation.error().message + "\n";
+  }
+  return text + fmt::format("  all             coverage {:.1f} %\n", 100 * coverage);
+}
+
+Result<std::vector<World>> evaluate_worlds(const EvalOptions& options, const Trajectory& truth) {
+  const Result<std::vector<std::filesystem::path>> paths = trajectories_of_worlds(options.estimate);
+  if (!paths) return paths.error();
+  std::vector<World> worlds;
+  for (const std::filesystem::path& path : *paths) {
+    Result<Trajectory> estimate = read_trajectory(path);
+    if (!estimate) return estimate.error();
+    Result<Evaluation> evaluation = evaluate(*estimate, truth, {alignment_of(options.align), options.max_dt});
+    worlds.push_back({*std::move(estimate), std::move(evaluation)});
+  }
+  return worlds;
+}
+
+double coverage_of_all(const std::vector<World>& worlds, const Trajectory& truth) {
+  std::vector<bool> matched(truth.size(), false);
+  for (const World& world : worlds) {
+    if (!world.evaluation) continue;
+    for (const Match& match : world.evaluation->matches) matched[match.truth] = true;
+  }
+  return static_cast<double>(std::ranges::count(matched, true)) / truth.size();
+}
+
 Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
   if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
   if (!(options.max_dt >= 0) || !std::isfinite(options.max_dt)) {
     return bad_input(fmt::format("--max-dt: {} is not allowed, seconds from 0 are", options.max_dt));
   }
-  const Result<Trajectory> estimate = read_trajectory(options.estimate);
-  if (!estimate) return estimate.error();
+  const std::string inputs[] = {options.estimate, options.truth};
+  if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
   const Result<Trajectory> truth = read_trajectory(options.truth);
   if (!truth) return truth.error();
-  const Result<Evaluation> evaluation =
-      evaluate(*estimate, *truth, {alignment_of(options.align), options.max_dt});
+  const Result<std::vector<World>> worlds = evaluate_worlds(options, *truth);
+  if (!worlds) return worlds.error();
+  const auto& [estimate, evaluation] = worlds->front();
   if (!evaluation) {
     return bad_input(fmt::format("{}, {}: {}", options.estimate, options.truth, evaluation.error().message));
   }
   if (!options.plot.empty()) {
-    if (const auto plotted = plot_evaluation(*estimate, *truth, *evaluation, options.plot); !plotted) {
-      return plotted.error();
-    }
+    const Result<void> plotted = plot_evaluation(estimate, *truth, *evaluation, options.plot);
+    if (!plotted) return plotted.error();
   }
+  const double coverage = coverage_of_all(*worlds, *truth);
   std::string text;
   if (options.json) {
-    text = as_json(*evaluation, options);
+    text = as_json(*worlds, coverage, options);
   } else if (!common.quiet) {
-    text = as_table(*evaluation, *truth, options);
+    text = as_table(*evaluation, *truth, options) + worlds_table(*worlds, coverage);
     if (!options.plot.empty()) text += fmt::format("plot              {}\n", options.plot);
   }
   if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {

@@ -1,7 +1,6 @@
 #include <malloc.h>
 
-#include <malloc.h>
-
+#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <string>
@@ -66,6 +65,8 @@ int main(int argc, char** argv) {
   // Large images come and go with every frame while small things stay: in one heap they would leave holes of
   // their size, 400 MiB of them over 40 panoramas of 29 megapixels.
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
+  // A limit of file sizes is an error of writing like a full disk.
+  std::signal(SIGXFSZ, SIG_IGN);
   try {
     return run(argc, argv);
   } catch (const std::exception& e) {

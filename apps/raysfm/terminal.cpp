@@ -11,10 +11,11 @@ namespace {
 std::atomic<bool> stop_requested = false;
 volatile std::sig_atomic_t received_signal = 0;
 
+// A terminal or a reader that went away says so again and again: what there is is still to be written.
 void on_signal(int signal) {
   received_signal = signal;
   stop_requested = true;
-  std::signal(signal, SIG_DFL);
+  std::signal(signal, signal == SIGHUP || signal == SIGPIPE ? SIG_IGN : SIG_DFL);
 }
 
 }  // namespace
@@ -23,6 +24,9 @@ StopSignals::StopSignals() {
   stop_requested = false;
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
+  for (const int signal : {SIGHUP, SIGPIPE}) {
+    if (std::signal(signal, on_signal) == SIG_IGN) std::signal(signal, SIG_IGN);  // as nohup asks for
+  }
 }
 
 const std::atomic<bool>* StopSignals::requested() const {

@@ -7,7 +7,8 @@
 
 namespace raysfm::app {
 
-// SIGINT and SIGTERM from here on: the first asks for an orderly end, the second ends at once.
+// SIGINT, SIGTERM, SIGHUP and SIGPIPE from here on: the first asks for an orderly end; SIGINT and SIGTERM end
+// at once when they come again.
 class StopSignals {
  public:
   StopSignals();

@@ -1,8 +1,9 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <filesystem>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "commands.h"
 #include "raysfm/api/config.h"
@@ -38,6 +39,9 @@ void print_summary(const TrackResult& result, const std::string& out) {
   std::printf("%d of %zu frames posed in %zu segment%s, %zu key frames, %zu points, rms %.2f px\n", posed,
               r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s", r.keyframes.size(),
               r.points.size(), r.rms_reprojection_px);
+  if (r.segments.size() > 1) {
+    std::printf("segments share neither world nor scale: the longest is at the top, the others in worlds/\n");
+  }
   std::printf("scale %s, %.1f s, %.1f frames/s, %.0f MiB; written to %s\n",
               r.metric_scale ? "metric" : "arbitrary", result.report.wall_s, result.report.frames_per_second,
               result.report.peak_rss_mib, out.c_str());
@@ -50,13 +54,22 @@ std::string first_reason(const Reconstruction& r) {
   return "no frames";
 }
 
-// The effective configuration goes to config.yaml, which must not be the camera that is read.
 Result<void> prepare_output(const TrackSettings& settings, const std::string& out) {
-  std::error_code missing;
-  if (std::filesystem::equivalent(std::filesystem::path(out) / "config.yaml", settings.camera, missing)) {
-    return bad_input(fmt::format("--out: {} would overwrite the camera file {}", out, settings.camera));
-  }
+  std::vector<std::string> inputs = settings.inputs;
+  inputs.push_back(settings.camera);
+  if (auto r = check_output_folder(out, inputs); !r) return r;
   return prepare_output_folder(out);
+}
+
+// The exit code of a run that has written its result, or why there was none to write.
+Result<int> outcome(const TrackResult& result, bool written, const std::string& out,
+                    const StopSignals& stop) {
+  if (result.interrupted) return stop.exit_code();
+  if (!result.reconstruction.segments.empty()) return 0;
+  const std::string reason = first_reason(result.reconstruction);
+  if (written) return no_reconstruction(reason);
+  return no_reconstruction(
+      fmt::format("{}; the older result in {} stays, failed.json has the report of this run", reason, out));
 }
 
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
@@ -72,15 +85,11 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   printer.finish();
   if (!result) return result.error();
   result->report.version = RAYSFM_VERSION;
-  if (auto r = write_output_folder(result->reconstruction, result->report,
-                                   effective_config(settings, RAYSFM_VERSION), arguments.out);
-      !r) {
-    return r.error();
-  }
-  if (!common.quiet) print_summary(*result, arguments.out);
-  if (result->interrupted) return stop.exit_code();
-  if (result->reconstruction.segments.empty()) return no_reconstruction(first_reason(result->reconstruction));
-  return 0;
+  const Result<bool> written = write_output_folder(result->reconstruction, result->report,
+                                                   effective_config(settings, RAYSFM_VERSION), arguments.out);
+  if (!written) return written.error();
+  if (!common.quiet && *written) print_summary(*result, arguments.out);
+  return outcome(*result, *written, arguments.out, stop);
 }
 
 }  // namespace

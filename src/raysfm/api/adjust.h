@@ -74,8 +74,8 @@ std::filesystem::path adjusted_name(const std::filesystem::path& input);
 // Whether writing the results into `folder` would leave the input alone; else bad input.
 Result<void> check_adjust_output(const std::filesystem::path& input, const std::filesystem::path& folder);
 
-// Creates the folder where it is missing and writes the model in the form in which it was read, points.ply,
-// config.yaml and, last, report.json.
+// Replaces what an older run left in the folder, as a whole or not at all, by the model in the form in which
+// it was read, points.ply, config.yaml and report.json.
 Result<void> write_adjust_output(const AdjustResult& result, const AdjustSettings& settings,
                                  const std::string& version, const std::filesystem::path& folder);
 

@@ -17,7 +17,7 @@ using Json = nlohmann::ordered_json;
 constexpr const char* kModelFolder = "sparse";
 
 std::string report_text(const AdjustResult& result, const AdjustSettings& settings,
-                        const std::string& version) {
+                        const std::string& version, const std::vector<std::string>& files) {
   const bool bal = std::holds_alternative<BalFile>(result.model);
   const AdjustCounts& c = result.counts;
   const BundleSummary& s = result.summary;
@@ -25,6 +25,7 @@ std::string report_text(const AdjustResult& result, const AdjustSettings& settin
   json["version"] = version;
   json["seed"] = settings.seed;
   json["input"] = Json::array({settings.input});
+  json["interrupted"] = result.interrupted;
   json["format"] = bal ? "bal" : "colmap";
   json["method"] = settings.method;
   json["loss"] = {{"name", settings.loss}, {"scale_px", settings.loss_scale}};
@@ -52,6 +53,7 @@ std::string report_text(const AdjustResult& result, const AdjustSettings& settin
                     {"solve_s", s.solve_ms / 1000.0},
                     {"wall_s", result.wall_s},
                     {"peak_rss_mib", result.peak_rss_mib}};
+  json["files"] = files;
   // Names of files need not be UTF-8.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
@@ -66,6 +68,23 @@ Reconstruction points_of(const AdjustResult& result) {
     }
   }
   return points;
+}
+
+Result<void> write_files(const AdjustResult& result, const AdjustSettings& settings,
+                         const std::string& version, const fs::path& folder) {
+  const fs::path model = folder / adjusted_name(settings.input);
+  const auto* file = std::get_if<BalFile>(&result.model);
+  Result<void> written =
+      file ? write_bal_file(*file, model) : write_colmap_model(std::get<ColmapModel>(result.model), model);
+  if (written) written = write_points_ply(points_of(result), folder / "points.ply");
+  if (written) {
+    AdjustSettings effective = settings;
+    written = write_file(folder / "config.yaml",
+                         effective_config(setting_fields(effective), {settings.input}, version));
+  }
+  if (!written) return written;
+  return write_file(folder / "report.json",
+                    report_text(result, settings, version, files_with_report(folder)));
 }
 
 }  // namespace
@@ -96,21 +115,8 @@ Result<void> check_adjust_output(const fs::path& input, const fs::path& folder) 
 
 Result<void> write_adjust_output(const AdjustResult& result, const AdjustSettings& settings,
                                  const std::string& version, const fs::path& folder) {
-  Result<void> written = prepare_output_folder(folder);
-  const fs::path model = folder / adjusted_name(settings.input);
-  if (written) {
-    const auto* file = std::get_if<BalFile>(&result.model);
-    written =
-        file ? write_bal_file(*file, model) : write_colmap_model(std::get<ColmapModel>(result.model), model);
-  }
-  if (written) written = write_points_ply(points_of(result), folder / "points.ply");
-  if (written) {
-    AdjustSettings effective = settings;
-    written = write_file(folder / "config.yaml",
-                         effective_config(setting_fields(effective), {settings.input}, version));
-  }
-  if (written) written = write_file(folder / "report.json", report_text(result, settings, version));
-  return written;
+  return replace_output_folder(
+      folder, [&](const fs::path& staged) { return write_files(result, settings, version, staged); });
 }
 
 }  // namespace raysfm

@@ -102,8 +102,8 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
 // Whether writing the results into `folder` would leave the input alone; else bad input.
 Result<void> check_solve_output(const std::filesystem::path& input, const std::filesystem::path& folder);
 
-// Creates the folder where it is missing and writes trajectory.txt, keyframes.txt, covariance.csv,
-// points.ply, lens.csv, lens.png, sparse/, config.yaml and, last, report.json.
+// Replaces what an older run left in the folder, as a whole or not at all, by trajectory.txt, keyframes.txt,
+// covariance.csv, points.ply, lens.csv, lens.png, sparse/, config.yaml and report.json.
 Result<void> write_solve_output(const SolveResult& result, const SolveSettings& settings,
                                 const std::string& version, const std::filesystem::path& folder);
 

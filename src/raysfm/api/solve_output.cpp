@@ -155,8 +155,20 @@ Json segments_of(const SolveResult& result) {
   }
   if (first < 0) return Json::array();
   const bool to_the_end = last + 1 == static_cast<int>(result.frames.size());
-  const std::string reason = to_the_end ? "end of input" : result.frames[last + 1].reason;
+  const char* const end = result.interrupted ? "interrupted" : "end of input";
+  const std::string reason = to_the_end ? end : result.frames[last + 1].reason;
   return Json::array({{{"first", first}, {"last", last}, {"reason", reason}}});
+}
+
+// The only one, from what the report says of it.
+Json worlds_of(const Json& report) {
+  return Json::array({{{"folder", "."},
+                       {"frames", report["frames"]["posed"]},
+                       {"keyframes", report["keyframes"]},
+                       {"points", report["points"]},
+                       {"segments", {0}},
+                       {"scale", report["scale"]},
+                       {"scale_sigma_percent", Json()}}});
 }
 
 Json timing_of(const SolveResult& result) {
@@ -175,8 +187,8 @@ Json timing_of(const SolveResult& result) {
   return timing;
 }
 
-std::string report_text(const SolveResult& result, const SolveSettings& settings,
-                        const std::string& version) {
+std::string report_text(const SolveResult& result, const SolveSettings& settings, const std::string& version,
+                        const std::vector<std::string>& files) {
   int keyframes = 0;
   for (const SolvedFrame& f : result.frames) keyframes += f.keyframe && f.cam_from_world;
   const LmSummary& lm = result.adjustment.lm;
@@ -184,6 +196,7 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
   json["version"] = version;
   json["seed"] = settings.seed;
   json["input"] = Json::array({settings.input});
+  json["interrupted"] = result.interrupted;
   json["method"] = settings.method;
   json["lens"] = result.zooming ? "zooming" : "fixed";
   json["lens_evidence"] = result.lens_evidence;
@@ -197,6 +210,7 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
                                                    {"k1_sigma", result.radial_sigma.k1},
                                                    {"k2_sigma", result.radial_sigma.k2}};
   json["scale"] = result.world_is_given ? "metric" : "arbitrary";
+  json["scale_sigma_percent"] = Json();
   json["frames"] = frames_of(result);
   json["keyframes"] = keyframes;
   json["points"] = result.points.size();
@@ -205,12 +219,15 @@ std::string report_text(const SolveResult& result, const SolveSettings& settings
   json["cost"] = {{"initial", lm.initial_cost}, {"final", lm.final_cost}};
   json["iterations"] = lm.iterations;
   json["termination"] = std::string(to_string(lm.termination));
+  json["worlds"] = worlds_of(json);
+  json["closures"] = Json::array();
   json["segments"] = segments_of(result);
   json["start"] = {
       {"method", result.world_is_given ? "known structure" : "fundamental matrix and absolute dual quadric"},
       {"frames", {result.start_frames[0], result.start_frames[1]}},
       {"inliers", result.start_inliers}};
   json["timing"] = timing_of(result);
+  json["files"] = files;
   // Names of files need not be UTF-8.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
@@ -229,6 +246,30 @@ Result<void> write_lenses(const SolveResult& result, const fs::path& folder) {
   return written;
 }
 
+Result<void> write_files(const SolveResult& result, const SolveSettings& settings, const std::string& version,
+                         const fs::path& folder) {
+  const Reconstruction reconstruction = reconstruction_of(result);
+  Result<void> written =
+      write_trajectory(posed_frames(reconstruction), trajectory_header(result, "every frame with a pose"),
+                       folder / "trajectory.txt");
+  if (written) {
+    written = write_trajectory(posed_keyframes(reconstruction), trajectory_header(result, "key frames"),
+                               folder / "keyframes.txt");
+  }
+  if (written) written = write_covariance_csv(reconstruction, folder / "covariance.csv");
+  if (written) written = write_points_ply(reconstruction, folder / "points.ply");
+  if (written) written = write_lenses(result, folder);
+  if (written) written = write_colmap_model(model_of(result), folder / "sparse");
+  if (written) {
+    SolveSettings effective = settings;
+    written = write_file(folder / "config.yaml",
+                         effective_config(setting_fields(effective), {settings.input}, version));
+  }
+  if (!written) return written;
+  return write_file(folder / "report.json",
+                    report_text(result, settings, version, files_with_report(folder)));
+}
+
 }  // namespace
 
 Result<void> check_solve_output(const fs::path& input, const fs::path& folder) {
@@ -245,28 +286,8 @@ Result<void> check_solve_output(const fs::path& input, const fs::path& folder) {
 
 Result<void> write_solve_output(const SolveResult& result, const SolveSettings& settings,
                                 const std::string& version, const fs::path& folder) {
-  const Reconstruction reconstruction = reconstruction_of(result);
-  Result<void> written = prepare_output_folder(folder);
-  if (written) {
-    written =
-        write_trajectory(posed_frames(reconstruction), trajectory_header(result, "every frame with a pose"),
-                         folder / "trajectory.txt");
-  }
-  if (written) {
-    written = write_trajectory(posed_keyframes(reconstruction), trajectory_header(result, "key frames"),
-                               folder / "keyframes.txt");
-  }
-  if (written) written = write_covariance_csv(reconstruction, folder / "covariance.csv");
-  if (written) written = write_points_ply(reconstruction, folder / "points.ply");
-  if (written) written = write_lenses(result, folder);
-  if (written) written = write_colmap_model(model_of(result), folder / "sparse");
-  if (written) {
-    SolveSettings effective = settings;
-    written = write_file(folder / "config.yaml",
-                         effective_config(setting_fields(effective), {settings.input}, version));
-  }
-  if (written) written = write_file(folder / "report.json", report_text(result, settings, version));
-  return written;
+  return replace_output_folder(
+      folder, [&](const fs::path& staged) { return write_files(result, settings, version, staged); });
 }
 
 }  // namespace raysfm

@@ -112,6 +112,13 @@ Result<void> choose_methods(TrackSettings* settings) {
   return choose(kStarts, "--start", settings->start, &settings->odometry.start);
 }
 
+// A segment that lasted until a signal came did not end for want of input.
+void explain_interruption(Reconstruction* reconstruction) {
+  for (Segment& segment : reconstruction->segments) {
+    if (segment.reason == "end of input") segment.reason = "interrupted";
+  }
+}
+
 // What the images of a frame show.
 struct Sight {
   std::optional<int> corners;  // not counted where the frame is posed without
@@ -237,7 +244,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
 
   out.reconstruction = odometry.finish(settings.final == "global");
   explain_blind_frames(sights, &out.reconstruction);
+  if (out.interrupted) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, odometry, stream.finish());
+  out.report.interrupted = out.interrupted;
+  out.report.frames_in_input = source.frame_count();
   out.report.wall_s = milliseconds_since(start) / 1000.0;
   out.report.frames_per_second = odometry.frames() / out.report.wall_s;
   out.report.peak_rss_mib = peak_rss_mib();

@@ -1,6 +1,5 @@
 #include "raysfm/io/colmap_file.h"
 
-#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -8,16 +7,6 @@
 
 namespace raysfm {
 namespace {
-
-// The segment with most key frames; the first of equals.
-int main_segment(const Reconstruction& reconstruction) {
-  std::vector<int> keyframes(std::max<size_t>(1, reconstruction.segments.size()), 0);
-  for (const KeyFrame& keyframe : reconstruction.keyframes) {
-    const int segment = reconstruction.frames[keyframe.frame].segment;
-    if (segment >= 0) ++keyframes[segment];
-  }
-  return static_cast<int>(std::max_element(keyframes.begin(), keyframes.end()) - keyframes.begin());
-}
 
 // The cameras, with identifiers from 1; false where COLMAP has no such model.
 bool append_cameras(const Rig& rig, ColmapModel* model) {
@@ -51,18 +40,17 @@ ColmapImage make_image(const Reconstruction& reconstruction, int frame, int came
   return image;
 }
 
-// One image for each camera of each key frame of the segment; `seen[i]` becomes the observation that
+// One image for each camera of each key frame; `seen[i]` becomes the observation that
 // keypoint i of the model is.
-void append_images(const Reconstruction& reconstruction, int segment, ColmapModel* model,
-                   std::vector<int>* seen) {
+void append_images(const Reconstruction& reconstruction, ColmapModel* model, std::vector<int>* seen) {
   for (const KeyFrame& keyframe : reconstruction.keyframes) {
     const PosedFrame& frame = reconstruction.frames[keyframe.frame];
-    if (frame.segment != segment || !frame.world_from_rig) continue;
+    if (!frame.world_from_rig) continue;
     for (int c = 0; c < static_cast<int>(reconstruction.rig.cameras.size()); ++c) {
       ColmapImage image = make_image(reconstruction, keyframe.frame, c, model);
       for (int i = keyframe.first_observation; i < keyframe.last_observation; ++i) {
         const Observation& o = reconstruction.observations[i];
-        if (o.camera != c || reconstruction.points[o.point].segment != segment) continue;
+        if (o.camera != c) continue;
         model->keypoints.push_back({o.pixel.x() + kColmapPixelOrigin, o.pixel.y() + kColmapPixelOrigin,
                                     static_cast<uint64_t>(o.point + 1)});
         seen->push_back(i);
@@ -104,12 +92,12 @@ void append_points(const Reconstruction& reconstruction, const std::vector<int>&
 
 }  // namespace
 
-Result<void> write_colmap_model(const Reconstruction& reconstruction, const std::filesystem::path& folder) {
+Result<void> write_colmap_model(const Reconstruction& world, const std::filesystem::path& folder) {
   ColmapModel model;
-  if (!append_cameras(reconstruction.rig, &model)) return {};
+  if (!append_cameras(world.rig, &model)) return {};
   std::vector<int> seen;
-  append_images(reconstruction, main_segment(reconstruction), &model, &seen);
-  append_points(reconstruction, seen, &model);
+  append_images(world, &model, &seen);
+  append_points(world, seen, &model);
   return write_colmap_model(model, folder);
 }
 

@@ -12,8 +12,8 @@ namespace raysfm {
 // camera model becomes; where a camera has no counterpart in COLMAP, nothing is written. The origin of pixels
 // moves to the corner of the image (+0.5).
 //
-// Segments do not share a world, so that the model holds the first segment with most key frames only. The
-// names of images are those of PosedFrame::image_name, behind "<camera>/" where the rig has several cameras.
-Result<void> write_colmap_model(const Reconstruction& reconstruction, const std::filesystem::path& folder);
+// The names of images are those of PosedFrame::image_name, behind "<camera>/" where the rig has several
+// cameras.
+Result<void> write_colmap_model(const Reconstruction& world, const std::filesystem::path& folder);
 
 }  // namespace raysfm

@@ -9,9 +9,9 @@
 
 namespace raysfm {
 
-Result<void> write_covariance_csv(const Reconstruction& reconstruction, const std::filesystem::path& path) {
+Result<void> write_covariance_csv(const Reconstruction& world, const std::filesystem::path& path) {
   const char* const names[] = {"vx", "vy", "vz", "wx", "wy", "wz"};
-  const char* const unit = reconstruction.metric_scale ? "metres" : "arbitrary units of trajectory.txt";
+  const char* const unit = world.metric_scale ? "metres" : "arbitrary units of trajectory.txt";
   std::string text = fmt::format(
       "# covariance of world_from_rig in trajectory.txt, points of the map held fixed\n"
       "# tangent (vx, vy, vz, wx, wy, wz), applied on the left, in the axes of the world: R <- exp(w) R, t "
@@ -23,7 +23,7 @@ Result<void> write_covariance_csv(const Reconstruction& reconstruction, const st
     for (int j = i; j < 6; ++j) text += fmt::format(",{}_{}", names[i], names[j]);
   }
   text += '\n';
-  for (const PosedFrame& frame : reconstruction.frames) {
+  for (const PosedFrame& frame : world.frames) {
     if (!frame.world_from_rig) continue;
     fmt::format_to(std::back_inserter(text), "{:.9f}", frame.timestamp);
     for (int i = 0; i < 6; ++i) {

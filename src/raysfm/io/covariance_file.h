@@ -9,6 +9,6 @@ namespace raysfm {
 
 // Writes `timestamp` and the 21 entries of the upper triangle, by rows, of the covariance of each frame that
 // has a pose. Tangent (v, w) as in docs/conventions.md; the header of the file repeats order, side and units.
-Result<void> write_covariance_csv(const Reconstruction& reconstruction, const std::filesystem::path& path);
+Result<void> write_covariance_csv(const Reconstruction& world, const std::filesystem::path& path);
 
 }  // namespace raysfm

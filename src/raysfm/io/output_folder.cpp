@@ -3,19 +3,28 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <nlohmann/json.hpp>
+#include <optional>
 #include <system_error>
 
 #include "raysfm/io/atomic_file.h"
-#include "raysfm/io/colmap_file.h"
-#include "raysfm/io/covariance_file.h"
-#include "raysfm/io/ply_file.h"
-#include "raysfm/io/trajectory_file.h"
+#include "raysfm/io/staged_folder.h"
+#include "raysfm/io/text_file.h"
+#include "raysfm/io/world_writers.h"
+#include "raysfm/scene/worlds.h"
 
 namespace raysfm {
 namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr const char *kReport = "report.json", *kFailed = "failed.json", *kConfig = "config.yaml";
+constexpr uintmax_t kMaxReportBytes = 1u << 30;
 
 void append(const PosedFrame& frame, Trajectory* trajectory) {
   if (!frame.world_from_rig) return;
@@ -23,19 +32,38 @@ void append(const PosedFrame& frame, Trajectory* trajectory) {
   trajectory->world_from_cam.push_back(*frame.world_from_rig);
 }
 
-std::string trajectory_header(const Reconstruction& reconstruction, const char* what) {
-  std::string header = fmt::format(
-      "{}: world from rig; axes x right, y down, z forward; Hamilton quaternion\n"
-      "scale: {}\n",
-      what, reconstruction.metric_scale ? "metric, metres" : "arbitrary");
-  if (reconstruction.segments.size() > 1) {
-    header += "the segments below share neither world nor scale\n";
-    for (const Segment& segment : reconstruction.segments) {
-      header += fmt::format("segment: {:.9f} to {:.9f} s\n", reconstruction.frames[segment.first].timestamp,
-                            reconstruction.frames[segment.last].timestamp);
-    }
+// Empty where there is none, null where it is no JSON.
+std::optional<Json> report_of(const fs::path& folder) {
+  std::error_code missing;
+  if (!fs::is_regular_file(folder / kReport, missing)) return std::nullopt;
+  const Result<std::string> text = read_text_file(folder / kReport, kMaxReportBytes);
+  Json json = text ? Json::parse(*text, nullptr, false) : Json();
+  return json.is_object() ? std::move(json) : Json();
+}
+
+// No report leads out of its folder.
+bool stays_below(const fs::path& name) {
+  return !name.empty() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end();
+}
+
+Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& folder) {
+  const std::vector<int> order = worlds_in_order(reconstruction);
+  // One world needs no second copy of itself.
+  if (reconstruction.segments.size() <= 1) return write_world(reconstruction, folder);
+  for (size_t i = 0; i < order.size(); ++i) {
+    const Reconstruction world = world_of(reconstruction, order[i]);
+    if (auto r = write_world(world, folder / world_folder(static_cast<int>(i))); !r) return r;
   }
-  return header + "timestamp tx ty tz qx qy qz qw";
+  return {};
+}
+
+Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,
+                            const fs::path& folder) {
+  Result<void> written = write_worlds(reconstruction, folder);
+  if (written) written = write_file(folder / kConfig, config);
+  if (!written) return written;
+  report.files = files_with_report(folder);
+  return write_report(reconstruction, report, folder / kReport);
 }
 
 }  // namespace
@@ -54,11 +82,10 @@ Trajectory posed_keyframes(const Reconstruction& reconstruction) {
   return trajectory;
 }
 
-Result<void> prepare_output_folder(const std::filesystem::path& folder) {
+Result<void> prepare_output_folder(const fs::path& folder) {
   std::error_code failure;
-  std::filesystem::create_directories(folder, failure);
-  if (!failure && !std::filesystem::is_directory(folder))
-    failure = std::make_error_code(std::errc::not_a_directory);
+  fs::create_directories(folder, failure);
+  if (!failure && !fs::is_directory(folder)) failure = std::make_error_code(std::errc::not_a_directory);
   if (failure) {
     return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
   }
@@ -74,24 +101,63 @@ Result<void> prepare_output_folder(const std::filesystem::path& folder) {
   return {};
 }
 
-Result<void> write_output_folder(const Reconstruction& reconstruction, const Report& report,
-                                 const std::string& config, const std::filesystem::path& folder) {
-  Result<void> written = prepare_output_folder(folder);
-  if (written) {
-    written = write_trajectory(posed_frames(reconstruction),
-                               trajectory_header(reconstruction, "every frame with a pose"),
-                               folder / "trajectory.txt");
+Result<void> check_output_folder(const fs::path& folder, std::span<const std::string> inputs) {
+  std::vector<std::string> replaced = files_of_result(folder);
+  replaced.insert(replaced.end(), {kReport, kFailed, kConfig});
+  for (const WorldWriter& writer : world_writers()) replaced.push_back(writer.name);
+  for (const std::string& name : replaced) {
+    if (auto r = check_not_input("--out", folder / name, inputs); !r) return r;
   }
-  if (written) {
-    written = write_trajectory(posed_keyframes(reconstruction),
-                               trajectory_header(reconstruction, "key frames"), folder / "keyframes.txt");
+  return {};
+}
+
+bool holds_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report) return false;
+  const auto posed =
+      report->is_object() ? report->value(Json::json_pointer("/frames/posed"), Json()) : Json();
+  return !posed.is_number() || posed > 0;
+}
+
+std::vector<std::string> files_of_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report || !report->is_object()) return {};
+  std::vector<std::string> files = {kFailed};
+  // Version 0.1.0 of `solve` did not list its files.
+  if (report->contains("lens") && !report->contains("files")) {
+    files.insert(files.end(), {"lens.csv", "lens.png"});
   }
-  if (written) written = write_covariance_csv(reconstruction, folder / "covariance.csv");
-  if (written) written = write_points_ply(reconstruction, folder / "points.ply");
-  if (written) written = write_colmap_model(reconstruction, folder / "sparse");
-  if (written) written = write_file(folder / "config.yaml", config);
-  if (written) written = write_report(reconstruction, report, folder / "report.json");
-  return written;
+  for (const Json& name : report->value("files", Json::array())) {
+    if (name.is_string() && stays_below(name.get<std::string>())) files.push_back(name.get<std::string>());
+  }
+  return files;
+}
+
+Result<void> replace_output_folder(const fs::path& folder,
+                                   const std::function<Result<void>(const fs::path& folder)>& write) {
+  Result<StagedFolder> staged = StagedFolder::create(folder);
+  if (!staged) return staged.error();
+  Result<void> written = write(staged->path());
+  if (written) written = staged->commit(files_of_result(folder), kReport);
+  return written ? written : staged->in_place(written.error());
+}
+
+std::vector<std::string> files_with_report(const fs::path& folder) {
+  std::vector<std::string> files = files_below(folder);
+  files.push_back(kReport);
+  return files;
+}
+
+Result<bool> write_output_folder(const Reconstruction& reconstruction, Report report,
+                                 const std::string& config, const fs::path& folder) {
+  if (posed_count(reconstruction) == 0 && holds_result(folder)) {
+    if (auto r = write_report(reconstruction, report, folder / kFailed); !r) return r.error();
+    return false;
+  }
+  const Result<void> replaced = replace_output_folder(folder, [&](const fs::path& staged) {
+    return write_contents(reconstruction, std::move(report), config, staged);
+  });
+  return replaced ? Result<bool>(true) : replaced.error();
 }
 
 }  // namespace raysfm

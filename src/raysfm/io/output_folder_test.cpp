@@ -42,7 +42,7 @@ TEST(OutputFolder, HoldsEveryFileOfTheContract) {
   const TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "new" / "out";
   const Reconstruction r = small_reconstruction({kPinhole});
-  const Result<void> written = write_output_folder(r, example_report(), "seed: 7\n", folder);
+  const Result<bool> written = write_output_folder(r, example_report(), "seed: 7\n", folder);
   ASSERT_TRUE(written.ok()) << written.error().message;
   for (const char* name :
        {"trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "sparse/cameras.bin",
@@ -65,7 +65,7 @@ TEST(OutputFolder, HoldsEveryFileOfTheContract) {
 TEST(OutputFolder, UnwritableFolderIsAnError) {
   const TemporaryFolder temporary;
   const fs::path file = temporary.file("occupied", "");
-  const Result<void> written =
+  const Result<bool> written =
       write_output_folder(small_reconstruction({kPinhole}), example_report(), "", file / "out");
   ASSERT_FALSE(written.ok());
   EXPECT_NE(written.error().message.find("folder cannot be created"), std::string::npos);

@@ -9,24 +9,21 @@
 
 namespace raysfm {
 
-Result<void> write_points_ply(const Reconstruction& reconstruction, const std::filesystem::path& path) {
+Result<void> write_points_ply(const Reconstruction& world, const std::filesystem::path& path) {
   std::string bytes = fmt::format(
       "ply\n"
       "format binary_little_endian 1.0\n"
       "comment map points in the world frame of trajectory.txt: x right, y down, z forward at its start\n"
       "comment scale: {}\n",
-      reconstruction.metric_scale ? "metric, metres" : "arbitrary");
-  if (reconstruction.segments.size() > 1) {
-    bytes += fmt::format("comment {} segments, which do not share a world\n", reconstruction.segments.size());
-  }
+      world.metric_scale ? "metric, metres" : "arbitrary");
   bytes += fmt::format(
       "element vertex {}\n"
       "property float x\nproperty float y\nproperty float z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\n"
       "end_header\n",
-      reconstruction.points.size());
-  bytes.reserve(bytes.size() + 15 * reconstruction.points.size());
-  for (const MapPoint& point : reconstruction.points) {
+      world.points.size());
+  bytes.reserve(bytes.size() + 15 * world.points.size());
+  for (const MapPoint& point : world.points) {
     for (int i = 0; i < 3; ++i) append_little_endian(bytes, static_cast<float>(point.position[i]));
     for (const uint8_t channel : point.rgb) append_little_endian(bytes, channel);
   }

@@ -8,6 +8,6 @@
 namespace raysfm {
 
 // Writes the points of the map as binary little-endian PLY: float x y z, uchar red green blue.
-Result<void> write_points_ply(const Reconstruction& reconstruction, const std::filesystem::path& path);
+Result<void> write_points_ply(const Reconstruction& world, const std::filesystem::path& path);
 
 }  // namespace raysfm

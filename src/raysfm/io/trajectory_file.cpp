@@ -12,6 +12,7 @@
 
 #include "raysfm/io/atomic_file.h"
 #include "raysfm/io/text_file.h"
+#include "raysfm/io/world_writers.h"
 
 namespace raysfm {
 namespace {
@@ -219,6 +220,19 @@ Result<Trajectory> read_trajectory(const fs::path& path) {
     trajectory.timestamps = std::move(*times);
   }
   return trajectory;
+}
+
+Result<std::vector<fs::path>> trajectories_of_worlds(const fs::path& path) {
+  std::error_code failure;
+  Result<fs::path> main = path;
+  if (fs::is_directory(path, failure)) main = trajectory_in(path);
+  if (!main) return main.error();
+  std::vector<fs::path> worlds = {*main};
+  for (int number = 1;; ++number) {
+    const fs::path other = main->parent_path() / world_folder(number) / main->filename();
+    if (!fs::is_regular_file(other, failure)) return worlds;
+    worlds.push_back(other);
+  }
 }
 
 Result<void> write_trajectory(const Trajectory& trajectory, const std::string& header, const fs::path& path) {

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "raysfm/core/result.h"
 #include "raysfm/geometry/trajectory.h"
@@ -21,6 +22,10 @@ namespace raysfm {
 // [mav0/]state_groundtruth_estimate0/data.csv in it. Timestamps strictly increase. An error names file, line,
 // value and what is allowed.
 Result<Trajectory> read_trajectory(const std::filesystem::path& path);
+
+// The trajectories of the worlds that one run found, the main one first: `path`, or the trajectory in it
+// where it is a folder, and the files of that name in worlds/1, worlds/2, ... beside it.
+Result<std::vector<std::filesystem::path>> trajectories_of_worlds(const std::filesystem::path& path);
 
 // Writes TUM format. `header` is put before the poses as comment lines, each beginning with "# ".
 Result<void> write_trajectory(const Trajectory& trajectory, const std::string& header,

@@ -57,14 +57,16 @@ void read_sigmas(const ObservationIndex& index, const LensConstraints& constrain
   }
 }
 
-// One adjustment of what agrees, with the weights that the errors before it give.
-void adjust(const PointTracks& tracks, const LensConstraints& constraints, const RobustLoss& loss,
+// One adjustment of what agrees, with the weights that the errors before it give. False where no image is
+// left that has enough points in front of it.
+bool adjust(const PointTracks& tracks, const LensConstraints& constraints, const RobustLoss& loss,
             UncalibratedReconstruction* r) {
   std::vector<double> weights(tracks.size(), 0);
   for (int k = 0; k < tracks.size(); ++k) {
     if (r->inlier[k]) weights[k] = std::max(1e-6, loss.weight(squared_error(tracks, *r, k)));
   }
   const ObservationIndex index = index_observations(tracks, weights, &r->scene, kMinKnownPoints, 1);
+  if (index.image_count() == 0) return false;
   UncalibratedScene part;
   for (const int j : index.images) {
     part.cam_from_world.push_back(r->scene.cam_from_world[j]);
@@ -92,8 +94,9 @@ void adjust(const PointTracks& tracks, const LensConstraints& constraints, const
   const int numbers = 6 * index.image_count() + (constraints.equal ? own + 2 : own * index.image_count());
   const int freedom = 2 * index.size() - numbers;
   r->lens_sigma.assign(tracks.image_count, LensVector::Constant(std::numeric_limits<double>::infinity()));
-  problem.linearize();
-  if (freedom > 0) read_sigmas(index, constraints, weighted / freedom, &problem, r);
+  const bool linear = std::isfinite(problem.linearize());
+  if (linear && freedom > 0) read_sigmas(index, constraints, weighted / freedom, &problem, r);
+  return true;
 }
 
 void finish(const PointTracks& tracks, KnownSolution* solution) {
@@ -140,15 +143,12 @@ Result<KnownSolution> solve_lens(const PointTracks& tracks, std::span<const Eige
   r.zooming = !equal;
   const LensConstraints constraints = constraints_for(tracks, options, equal);
   const RobustLoss loss{RobustLoss::Kind::kHuber, options.max_error_px / 2};
-  for (int round = 0; round < kRounds; ++round) {
-    if (std::count(r.inlier.begin(), r.inlier.end(), 1) == 0) {
-      return no_reconstruction("known structure: no image agrees with it in " +
-                               std::to_string(kMinKnownPoints) + " points");
-    }
-    adjust(tracks, constraints, loss, &r);
+  bool agrees = true;
+  for (int round = 0; round < kRounds && agrees; ++round) {
+    agrees = adjust(tracks, constraints, loss, &r);
     judge(tracks, options.max_error_px, &r);
   }
-  if (std::count(r.inlier.begin(), r.inlier.end(), 1) == 0) {
+  if (!agrees || std::ranges::count(r.inlier, 1) == 0) {
     return no_reconstruction("known structure: no image agrees with it in " +
                              std::to_string(kMinKnownPoints) + " points");
   }

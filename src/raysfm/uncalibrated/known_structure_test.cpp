@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 
@@ -119,6 +120,34 @@ TEST(KnownStructure, OneDepthTellsNoFocalLength) {
   const auto result = reconstruct_known(cube.tracks, cube.truth.points, {});
   ASSERT_TRUE(result.ok()) << result.error().message;
   EXPECT_EQ(result->degenerate, "known points at one depth");
+}
+
+// A handful of points, most of them somewhere else: there may be no solution, but a solution is one.
+TEST(KnownStructure, FewAndMostlyWrongPointsEndInAnAnswer) {
+  int solved = 0, refused = 0;
+  for (const int points : {7, 12, 30, 120}) {
+    for (int seed = 0; seed < 12; ++seed) {
+      Rng rng(seed);
+      Cube cube = test_scenes::make_cube({.images = 4, .points = points}, &rng);
+      std::vector<Eigen::Vector3d> given = cube.truth.points;
+      const double wrong = 0.5 + 0.05 * (seed % 10);
+      for (Eigen::Vector3d& x : given) {
+        if (rng.uniform() < wrong) x = {rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1)};
+      }
+      for (const LensChange lens : {LensChange::kAuto, LensChange::kFixed, LensChange::kZoom}) {
+        const auto result = reconstruct_known(cube.tracks, given, {.lens = lens, .max_samples = 200});
+        ++(result.ok() ? solved : refused);
+        if (!result.ok()) {
+          EXPECT_EQ(result.error().kind, ErrorKind::kNoReconstruction);
+          continue;
+        }
+        EXPECT_GT(std::ranges::count(result->image_posed, 1), 0);
+        EXPECT_TRUE(std::isfinite(result->rms_px));
+      }
+    }
+  }
+  EXPECT_GT(solved, 0);
+  EXPECT_GT(refused, 0);
 }
 
 TEST(KnownStructure, WhatCannotBeIsNamed) {

@@ -1,0 +1,61 @@
+#include "raysfm/io/world_writers.h"
+
+#include <fmt/format.h>
+
+#include <system_error>
+
+#include "raysfm/io/colmap_file.h"
+#include "raysfm/io/covariance_file.h"
+#include "raysfm/io/output_folder.h"
+#include "raysfm/io/ply_file.h"
+#include "raysfm/io/trajectory_file.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string header(const Reconstruction& world, const char* what) {
+  return fmt::format(
+      "{}: world from rig; axes x right, y down, z forward; Hamilton quaternion\n"
+      "scale: {}\n"
+      "timestamp tx ty tz qx qy qz qw",
+      what, world.metric_scale ? "metric, metres" : "arbitrary");
+}
+
+Result<void> write_frames(const Reconstruction& world, const fs::path& path) {
+  return write_trajectory(posed_frames(world), header(world, "every frame with a pose"), path);
+}
+
+Result<void> write_keyframes(const Reconstruction& world, const fs::path& path) {
+  return write_trajectory(posed_keyframes(world), header(world, "key frames"), path);
+}
+
+}  // namespace
+
+std::span<const WorldWriter> world_writers() {
+  static constexpr WorldWriter kWriters[] = {{"trajectory.txt", write_frames},
+                                             {"keyframes.txt", write_keyframes},
+                                             {"covariance.csv", write_covariance_csv},
+                                             {"points.ply", write_points_ply},
+                                             {"sparse", write_colmap_model}};
+  return kWriters;
+}
+
+fs::path world_folder(int world) {
+  return world == 0 ? fs::path(".") : fs::path("worlds") / std::to_string(world);
+}
+
+Result<void> write_world(const Reconstruction& world, const fs::path& folder) {
+  std::error_code failure;
+  fs::create_directories(folder, failure);
+  if (failure) {
+    return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
+  }
+  for (const WorldWriter& writer : world_writers()) {
+    if (auto r = writer.write(world, folder / writer.name); !r) return r;
+  }
+  return {};
+}
+
+}  // namespace raysfm
