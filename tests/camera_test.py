@@ -44,6 +44,20 @@ class Camera(ProgramTest):
         self.assertEqual(run("camera", "check", out / "rigs.txt").returncode, 0)
         self.assertIn("equidistant", run("camera", "convert", file, "--to", "kalibr").stdout)
 
+    def test_inputs_links_and_devices_stay(self):
+        file = self.file("rig.yaml", FISHEYE)
+        self.refused("camera", "convert", file, "--to", "opencv", "--out", file, says=["--out", file, "overwrite"])
+        self.refused("camera", "show", file, "--plot", file, says=["--plot", file, "overwrite"])
+        self.assertEqual(file.read_text(), FISHEYE)
+        target = self.file("target.yaml", "old")
+        link = self.folder / "link.yaml"
+        link.symlink_to("target.yaml")
+        self.assertEqual(run("camera", "convert", file, "--to", "opencv", "--out", link).returncode, 0)
+        self.assertTrue(link.is_symlink())
+        self.assertIn("%YAML", target.read_text())
+        done = run("camera", "convert", file, "--to", "opencv", "--out", "/dev/stdout")
+        self.assertEqual((done.returncode, done.stdout), (0, target.read_text()))
+
     def test_fit(self):
         file = self.file("rig.yaml", FISHEYE)
         self.refused("camera", "convert", file, "--to", "opencv", "--model", "unified", says=["rig.yaml", "--fit"])

@@ -132,6 +132,10 @@ class Eval(ProgramTest):
         picture = self.folder / "plot.png"
         self.assertEqual(run("eval", self.truth, self.truth, "--plot", picture).returncode, 0)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        other = self.file("other.txt", tum(spiral()))
+        for files in ((other, self.truth), (self.truth, other)):
+            self.refused("eval", *files, "--plot", other, says=["--plot", other, "overwrite"])
+        self.assertEqual(other.read_text(), tum(spiral()))
 
     def test_bad_input(self):
         bad = self.file("bad.txt", "0 0 0 0 0 0 0 1\n1 0 0 zero 0 0 0 1\n")

@@ -108,6 +108,8 @@ Result<int> run_show(const CameraOptions& options, const CommonOptions& common) 
   const Result<Rig> rig = read_rig(options.file, options, common);
   if (!rig) return rig.error();
   if (!options.plot.empty()) {
+    const std::string inputs[] = {options.file};
+    if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
     const Result<void> plotted = plot_cameras(*rig, options.plot);
     if (!plotted) return bad_input(fmt::format("{}: {}", options.file, plotted.error().message));
   }
@@ -168,16 +170,22 @@ Result<void> convert_model(const std::string& format, const CameraOptions& optio
   return {};
 }
 
-Result<void> write_files(const std::vector<CameraFileText>& files, const std::string& out) {
-  if (files.size() == 1) return write_file(out, files.front().text);
+Result<void> write_files(const std::vector<CameraFileText>& files, const CameraOptions& options) {
+  const std::string &out = options.out, inputs[] = {options.file};
+  if (files.size() == 1) {
+    if (auto r = check_not_input("--out", out, inputs); !r) return r;
+    return write_file(out, files.front().text);
+  }
   std::error_code failure;
   std::filesystem::create_directories(out, failure);
   if (failure) return bad_input(fmt::format("{}: {}; allowed: a folder", out, failure.message()));
+  Result<void> written;
   for (const CameraFileText& file : files) {
-    const Result<void> written = write_file(std::filesystem::path(out) / file.name, file.text);
-    if (!written) return written;
+    const std::filesystem::path path = std::filesystem::path(out) / file.name;
+    if (written) written = check_not_input("--out", path, inputs);
+    if (written) written = write_file(path, file.text);
   }
-  return {};
+  return written;
 }
 
 Result<int> run_convert(CameraOptions options, const CommonOptions& common) {
@@ -203,7 +211,7 @@ Result<int> run_convert(CameraOptions options, const CommonOptions& common) {
   if (!files) return bad_input(fmt::format("{}: {}", options.file, files.error().message));
   if (!common.quiet) std::fputs(report.c_str(), stderr);
   if (!options.out.empty()) {
-    const Result<void> written = write_files(*files, options.out);
+    const Result<void> written = write_files(*files, options);
     if (!written) return written.error();
     return 0;
   }

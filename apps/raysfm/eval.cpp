@@ -7,6 +7,7 @@
 
 #include "commands.h"
 #include "raysfm/eval/trajectory_error.h"
+#include "raysfm/io/atomic_file.h"
 #include "raysfm/io/plot.h"
 #include "raysfm/io/trajectory_file.h"
 
@@ -77,6 +78,8 @@ Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
   if (!(options.max_dt >= 0) || !std::isfinite(options.max_dt)) {
     return bad_input(fmt::format("--max-dt: {} is not allowed, seconds from 0 are", options.max_dt));
   }
+  const std::string inputs[] = {options.estimate, options.truth};
+  if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
   const Result<Trajectory> estimate = read_trajectory(options.estimate);
   if (!estimate) return estimate.error();
   const Result<Trajectory> truth = read_trajectory(options.truth);

@@ -13,11 +13,13 @@
 namespace raysfm {
 namespace {
 
-Error cannot_write(const std::filesystem::path& path, int cause) {
+namespace fs = std::filesystem;
+
+Error cannot_write(const fs::path& path, int cause) {
   return bad_input(fmt::format("{}: cannot be written: {}", path.string(), std::strerror(cause)));
 }
 
-std::string temporary_name(const std::filesystem::path& path) {
+std::string temporary_name(const fs::path& path) {
   static std::atomic<unsigned> counter{0};
   return fmt::format("{}.{}.{}.tmp", path.string(), getpid(), counter++);
 }
@@ -30,27 +32,57 @@ int write_all(int file, std::string_view content) {
     if (written < 0) return errno;
     content.remove_prefix(written);
   }
+  return 0;
+}
+
+int flush(int file) {
   return ::fsync(file) == 0 ? 0 : errno;
 }
 
 // The new name survives a loss of power only once its folder is flushed too. Not every file system can; that
 // leaves the file complete all the same.
-void flush_folder(const std::filesystem::path& path) {
-  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
+void flush_folder(const fs::path& path) {
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : ".";
   const int file = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (file < 0) return;
   ::fsync(file);
   ::close(file);
 }
 
-}  // namespace
+// Where the links end, whether or not something is there.
+Result<fs::path> behind_links(fs::path path) {
+  constexpr int kMostLinks = 40;
+  std::error_code failure;
+  for (int i = 0; i < kMostLinks; ++i) {
+    if (!fs::is_symlink(path, failure)) return path;
+    path = path.parent_path() / fs::read_symlink(path, failure);
+    if (failure) return cannot_write(path, failure.value());
+  }
+  return cannot_write(path, ELOOP);
+}
 
-Result<void> write_file(const std::filesystem::path& path, std::string_view content) {
+// A device, a pipe or a socket.
+bool is_stream(const fs::path& path) {
+  std::error_code missing;
+  const fs::file_status status = fs::status(path, missing);
+  return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
+}
+
+Result<void> write_stream(const fs::path& path, std::string_view content) {
+  const int file = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (file < 0) return cannot_write(path, errno);
+  int cause = write_all(file, content);
+  if (::close(file) != 0 && cause == 0) cause = errno;
+  return cause == 0 ? Result<void>() : cannot_write(path, cause);
+}
+
+Result<void> replace_file(const fs::path& path, std::string_view content) {
   const std::string temporary = temporary_name(path);
   const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file < 0) return cannot_write(path, errno);
 
   int cause = write_all(file, content);
+  if (cause == 0) cause = flush(file);
   if (::close(file) != 0 && cause == 0) cause = errno;
   if (cause == 0 && std::rename(temporary.c_str(), path.c_str()) != 0) cause = errno;
   if (cause != 0) {
@@ -58,6 +90,25 @@ Result<void> write_file(const std::filesystem::path& path, std::string_view cont
     return cannot_write(path, cause);
   }
   flush_folder(path);
+  return {};
+}
+
+}  // namespace
+
+Result<void> write_file(const fs::path& path, std::string_view content) {
+  // First, since the links of /dev/stdout lead to no name.
+  if (is_stream(path)) return write_stream(path, content);
+  const Result<fs::path> end = behind_links(path);
+  return end ? replace_file(*end, content) : end.error();
+}
+
+Result<void> check_not_input(const std::string& flag, const fs::path& path,
+                             std::span<const std::string> inputs) {
+  for (const std::string& input : inputs) {
+    std::error_code missing;
+    if (is_stream(path) || !fs::equivalent(path, input, missing)) continue;
+    return bad_input(fmt::format("{}: {} would overwrite the input {}", flag, path.string(), input));
+  }
   return {};
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
+#include <string>
 #include <string_view>
 
 #include "raysfm/core/result.h"
@@ -10,7 +12,13 @@ namespace raysfm {
 // Writes a whole file beside its final name, flushes it to the disk and renames it, so that whoever looks at
 // `path` sees the old content or the new content and never a part. On failure (no such folder, no permission,
 // disk full) nothing is left behind and an existing file stays as it was; the error names the file and the
-// cause.
+// cause. A link stays and what it leads to is replaced; what is no regular file, such as a device or a pipe,
+// is written to.
 Result<void> write_file(const std::filesystem::path& path, std::string_view content);
+
+// Bad input, with `flag`, where writing the file `path` would replace one of the inputs. An input that is no
+// file, or not there, is in nobody's way.
+Result<void> check_not_input(const std::string& flag, const std::filesystem::path& path,
+                             std::span<const std::string> inputs);
 
 }  // namespace raysfm

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <atomic>
 #include <csignal>
@@ -76,6 +77,58 @@ TEST(AtomicFile, FolderInTheWayLeavesNothing) {
   fs::create_directory(folder.path() / "f");
   EXPECT_FALSE(write_file(folder.path() / "f", "x").ok());
   EXPECT_EQ(file_count(folder.path()), 1);
+}
+
+TEST(AtomicFile, LinksStayAndLeadToTheNewContent) {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.path() / "below");
+  const fs::path target = folder.file("target", "old");
+  const fs::path link = folder.path() / "below" / "link", chain = folder.path() / "chain";
+  fs::create_symlink("../target", link);
+  fs::create_symlink("below/link", chain);
+  ASSERT_TRUE(write_file(chain, "new").ok());
+  EXPECT_TRUE(fs::is_symlink(chain));
+  EXPECT_TRUE(fs::is_symlink(link));
+  EXPECT_EQ(content_of(target), "new");
+
+  const fs::path dangling = folder.path() / "dangling";
+  fs::create_symlink("made", dangling);
+  ASSERT_TRUE(write_file(dangling, "made").ok());
+  EXPECT_TRUE(fs::is_symlink(dangling));
+  EXPECT_EQ(content_of(folder.path() / "made"), "made");
+
+  const fs::path circle = folder.path() / "circle";
+  fs::create_symlink("circle", circle);
+  EXPECT_FALSE(write_file(circle, "x").ok());
+}
+
+TEST(AtomicFile, PipesAndDevicesAreWrittenTo) {
+  const TemporaryFolder folder;
+  const fs::path pipe = folder.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  std::string seen;
+  std::thread reader([&] { seen = content_of(pipe); });
+  EXPECT_TRUE(write_file(pipe, "through").ok());
+  reader.join();
+  EXPECT_EQ(seen, "through");
+  EXPECT_TRUE(fs::is_fifo(pipe));
+  EXPECT_EQ(file_count(folder.path()), 1);
+
+  const fs::path null = folder.path() / "null";  // a link, so that a mistake costs no device
+  fs::create_symlink("/dev/null", null);
+  EXPECT_TRUE(write_file(null, "x").ok());
+  EXPECT_TRUE(fs::is_symlink(null));
+  EXPECT_TRUE(fs::is_character_file("/dev/null"));
+}
+
+TEST(AtomicFile, InputsAreNotReplaced) {
+  const TemporaryFolder folder;
+  const std::string input = folder.file("in", "x").string();
+  fs::create_symlink("in", folder.path() / "link");
+  const std::string inputs[] = {input};
+  EXPECT_EQ(check_not_input("--out", folder.path() / "link", inputs).error().message,
+            "--out: " + (folder.path() / "link").string() + " would overwrite the input " + input);
+  EXPECT_TRUE(check_not_input("--out", folder.path() / "other", inputs).ok());
 }
 
 // Whoever reads while it is replaced sees one of the versions, whole.
