@@ -143,21 +143,22 @@ def make_rows():
         result = results[0]
         if "report" not in result:
             return f"| {entry['name']} | {result['message'] or 'no result'} |" + " |" * 10
-        report = seen[entry["name"]] = result["report"]
+        report = result["report"]
+        seen[entry["name"]] = result
         frames, timing = report["frames"], report["timing"]
         ate = f"{result['eval']['ate']['rmse']:.4f}" if result.get("eval") else "-"
         ratio, growth = "-", "-"
         small = seen.get(f"kitchen-640-blur{entry['blur']}") if "blur" in entry else None
         if small:
-            ratio = f"{timing['frame']['mean_ms'] / small['timing']['frame']['mean_ms']:.2f}"
+            ratio = f"{timing['frame']['mean_ms'] / small['report']['timing']['frame']['mean_ms']:.2f}"
         base = seen.get(entry.get("base"))
         if base:
-            more = (frames["total"] - base["frames"]["total"]) / 1000
-            growth = f"{(timing['peak_rss_mib'] - base['timing']['peak_rss_mib']) / more:.1f}"
+            more = (frames["total"] - base["report"]["frames"]["total"]) / 1000
+            growth = f"{(result['peak_mib'] - base['peak_mib']) / more:.1f}"
         cells = [entry["name"], str(frames["total"]), str(frames["posed"]), str(len(report["segments"])),
                  str(longest_stretch(frames["without_pose"])), ate, f"{report['rms_reprojection_px']:.3f}",
                  f"{timing['frame']['median_ms']:.2f}", f"{timing['frame']['mean_ms']:.2f}", ratio,
-                 f"{timing['peak_rss_mib']:.0f}", growth]
+                 f"{result['peak_mib']:.0f}", growth]
         return "| " + " | ".join(cells) + " |"
 
     return row
@@ -170,8 +171,9 @@ def write_table(path, made_by, rows):
         "Videos as people have them. `kitchen-W-blurB` is the first 200 frames of `redkitchen-handheld` enlarged to a "
         "width of W pixels, then blurred by a Gaussian of B pixels: the same pictures in more pixels, so accuracy "
         "and time should not change. The longest stretch is of frames without a pose. ATE is the rmse after alignment "
-        "by a similarity, in metres. `to 640` is the mean time of a frame over that of the same blur at 640. The last "
-        "column is the memory that each 1000 frames add to the same video being shorter. The phone's focal length is a "
+        "by a similarity, in metres. `to 640` is the mean time of a frame over that of the same blur at 640. The "
+        "peak of memory is that of the whole run with its writing, and the last column what each 1000 frames add to that "
+        "of the same video being shorter: less than 10 MiB. The phone's focal length is a "
         "guess; so it is not judged by accuracy.", "",
         "| footage | frames | posed | segments | longest stretch | ATE m | rms px | median ms | mean ms | to 640 | "
         "peak MiB | MiB per 1000 |", "|---|" + "---|" * 11, *rows, "",

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <malloc.h>
 #include <sys/resource.h>
 
 namespace raysfm {
@@ -9,6 +10,11 @@ inline double peak_rss_mib() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+
+// Gives what was freed back to the system, where it lies in whole pages.
+inline void return_freed_memory() {
+  malloc_trim(0);
 }
 
 }  // namespace raysfm

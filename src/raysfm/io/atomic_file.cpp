@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <cstring>
 #include <string>
+#include <utility>
 
 namespace raysfm {
 namespace {
@@ -25,12 +26,14 @@ std::string temporary_name(const fs::path& path) {
 }
 
 // Zero or the cause of failure.
-int write_all(int file, std::string_view content) {
-  while (!content.empty()) {
-    const ssize_t written = ::write(file, content.data(), content.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return errno;
-    content.remove_prefix(written);
+int write_all(int file, const ContentParts& next_part) {
+  for (std::string_view part = next_part(); !part.empty(); part = next_part()) {
+    while (!part.empty()) {
+      const ssize_t written = ::write(file, part.data(), part.size());
+      if (written < 0 && errno == EINTR) continue;
+      if (written < 0) return errno;
+      part.remove_prefix(written);
+    }
   }
   return 0;
 }
@@ -68,7 +71,7 @@ bool is_stream(const fs::path& path) {
   return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
 }
 
-Result<void> write_stream(const fs::path& path, std::string_view content) {
+Result<void> write_stream(const fs::path& path, const ContentParts& content) {
   const int file = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
   if (file < 0) return cannot_write(path, errno);
   int cause = write_all(file, content);
@@ -76,7 +79,7 @@ Result<void> write_stream(const fs::path& path, std::string_view content) {
   return cause == 0 ? Result<void>() : cannot_write(path, cause);
 }
 
-Result<void> replace_file(const fs::path& path, std::string_view content) {
+Result<void> replace_file(const fs::path& path, const ContentParts& content) {
   const std::string temporary = temporary_name(path);
   const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file < 0) return cannot_write(path, errno);
@@ -95,11 +98,15 @@ Result<void> replace_file(const fs::path& path, std::string_view content) {
 
 }  // namespace
 
-Result<void> write_file(const fs::path& path, std::string_view content) {
+Result<void> write_file(const fs::path& path, const ContentParts& next_part) {
   // First, since the links of /dev/stdout lead to no name.
-  if (is_stream(path)) return write_stream(path, content);
+  if (is_stream(path)) return write_stream(path, next_part);
   const Result<fs::path> end = behind_links(path);
-  return end ? replace_file(*end, content) : end.error();
+  return end ? replace_file(*end, next_part) : end.error();
+}
+
+Result<void> write_file(const fs::path& path, std::string_view content) {
+  return write_file(path, [&] { return std::exchange(content, {}); });
 }
 
 Result<void> check_not_input(const std::string& flag, const fs::path& path,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -15,6 +16,11 @@ namespace raysfm {
 // cause. A link stays and what it leads to is replaced; what is no regular file, such as a device or a pipe,
 // is written to.
 Result<void> write_file(const std::filesystem::path& path, std::string_view content);
+
+// The same of content that need not be there as a whole: each call makes the next part, which is empty at the
+// end.
+using ContentParts = std::function<std::string_view()>;
+Result<void> write_file(const std::filesystem::path& path, const ContentParts& next_part);
 
 // Bad input, with `flag`, where writing the file `path` would replace one of the inputs. An input that is no
 // file, or not there, is in nobody's way.

@@ -197,39 +197,53 @@ std::string format_colmap_cameras_bin(const ColmapModel& model) {
   return bytes;
 }
 
+void append_colmap_image_bin(const ColmapImage& image, std::span<const ColmapKeypoint> keypoints,
+                             std::string* bytes) {
+  append_little_endian(*bytes, image.id);
+  for (const double q : image.rotation) append_little_endian(*bytes, q);
+  for (const double t : image.translation) append_little_endian(*bytes, t);
+  append_little_endian(*bytes, image.camera_id);
+  *bytes += image.name;
+  *bytes += '\0';
+  append_little_endian<uint64_t>(*bytes, keypoints.size());
+  for (const ColmapKeypoint& keypoint : keypoints) {
+    append_little_endian(*bytes, keypoint.x);
+    append_little_endian(*bytes, keypoint.y);
+    append_little_endian(*bytes, keypoint.point_id);
+  }
+}
+
 std::string format_colmap_images_bin(const ColmapModel& model) {
+  const std::span keypoints(model.keypoints);
   std::string bytes;
   append_little_endian<uint64_t>(bytes, model.images.size());
   for (const ColmapImage& image : model.images) {
-    append_little_endian(bytes, image.id);
-    for (const double q : image.rotation) append_little_endian(bytes, q);
-    for (const double t : image.translation) append_little_endian(bytes, t);
-    append_little_endian(bytes, image.camera_id);
-    bytes += image.name;
-    bytes += '\0';
-    append_little_endian<uint64_t>(bytes, image.last_keypoint - image.first_keypoint);
-    for (size_t i = image.first_keypoint; i < image.last_keypoint; ++i) {
-      append_little_endian(bytes, model.keypoints[i].x);
-      append_little_endian(bytes, model.keypoints[i].y);
-      append_little_endian(bytes, model.keypoints[i].point_id);
-    }
+    append_colmap_image_bin(
+        image, keypoints.subspan(image.first_keypoint, image.last_keypoint - image.first_keypoint), &bytes);
   }
   return bytes;
 }
 
+void append_colmap_point_bin(const ColmapPoint& point, std::span<const ColmapTrackElement> elements,
+                             std::string* bytes) {
+  append_little_endian(*bytes, point.id);
+  for (const double x : point.position) append_little_endian(*bytes, x);
+  for (const uint8_t channel : point.rgb) append_little_endian(*bytes, channel);
+  append_little_endian(*bytes, point.error);
+  append_little_endian<uint64_t>(*bytes, elements.size());
+  for (const ColmapTrackElement& element : elements) {
+    append_little_endian(*bytes, element.image_id);
+    append_little_endian(*bytes, element.keypoint);
+  }
+}
+
 std::string format_colmap_points_bin(const ColmapModel& model) {
+  const std::span elements(model.elements);
   std::string bytes;
   append_little_endian<uint64_t>(bytes, model.points.size());
   for (const ColmapPoint& point : model.points) {
-    append_little_endian(bytes, point.id);
-    for (const double x : point.position) append_little_endian(bytes, x);
-    for (const uint8_t channel : point.rgb) append_little_endian(bytes, channel);
-    append_little_endian(bytes, point.error);
-    append_little_endian<uint64_t>(bytes, point.last_element - point.first_element);
-    for (size_t i = point.first_element; i < point.last_element; ++i) {
-      append_little_endian(bytes, model.elements[i].image_id);
-      append_little_endian(bytes, model.elements[i].keypoint);
-    }
+    append_colmap_point_bin(
+        point, elements.subspan(point.first_element, point.last_element - point.first_element), &bytes);
   }
   return bytes;
 }

@@ -1,9 +1,15 @@
 #include "raysfm/io/colmap_file.h"
 
+#include <numeric>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "raysfm/io/atomic_file.h"
+#include "raysfm/io/colmap_format.h"
 #include "raysfm/io/colmap_model.h"
+#include "raysfm/io/little_endian.h"
 
 namespace raysfm {
 namespace {
@@ -21,73 +27,138 @@ bool append_cameras(const Rig& rig, ColmapModel* model) {
   return true;
 }
 
-// An image without keypoints, with the next identifier, counted from 1.
-ColmapImage make_image(const Reconstruction& reconstruction, int frame, int camera, ColmapModel* model) {
-  const Camera& seen_by = reconstruction.rig.cameras[camera];
-  const PosedFrame& posed = reconstruction.frames[frame];
-  const Rigid3 cam_from_world = (*posed.world_from_rig * seen_by.rig_from_cam).inverse();
-  const Eigen::Quaterniond& q = cam_from_world.rotation;
-  const Eigen::Vector3d& t = cam_from_world.translation;
-  ColmapImage image;
-  image.id = static_cast<uint32_t>(model->images.size() + 1);
-  image.rotation = {q.w(), q.x(), q.y(), q.z()};
-  image.translation = {t.x(), t.y(), t.z()};
-  image.camera = camera;
-  image.camera_id = model->cameras[camera].id;
-  image.name =
-      reconstruction.rig.cameras.size() == 1 ? posed.image_name : seen_by.name + "/" + posed.image_name;
-  image.first_keypoint = image.last_keypoint = model->keypoints.size();
-  return image;
-}
-
-// One image for each camera of each key frame; `seen[i]` becomes the observation that
-// keypoint i of the model is.
-void append_images(const Reconstruction& reconstruction, ColmapModel* model, std::vector<int>* seen) {
-  for (const KeyFrame& keyframe : reconstruction.keyframes) {
-    const PosedFrame& frame = reconstruction.frames[keyframe.frame];
-    if (!frame.world_from_rig) continue;
-    for (int c = 0; c < static_cast<int>(reconstruction.rig.cameras.size()); ++c) {
-      ColmapImage image = make_image(reconstruction, keyframe.frame, c, model);
-      for (int i = keyframe.first_observation; i < keyframe.last_observation; ++i) {
-        const Observation& o = reconstruction.observations[i];
-        if (o.camera != c) continue;
-        model->keypoints.push_back({o.pixel.x() + kColmapPixelOrigin, o.pixel.y() + kColmapPixelOrigin,
-                                    static_cast<uint64_t>(o.point + 1)});
-        seen->push_back(i);
-      }
-      image.last_keypoint = model->keypoints.size();
-      model->images.push_back(std::move(image));
+// What a world becomes: an image for each camera of each of its key frames, with identifiers from 1. Made
+// one at a time, since a whole model takes more memory than the reconstruction.
+class WorldImages {
+ public:
+  explicit WorldImages(const Reconstruction& world) : world_(world), cameras_(world.rig.cameras.size()) {
+    for (const KeyFrame& keyframe : world.keyframes) {
+      if (world.frames[keyframe.frame].world_from_rig) keyframes_.push_back(&keyframe);
     }
   }
-}
 
-// The track of every point that is seen, and its mean error.
-void append_points(const Reconstruction& reconstruction, const std::vector<int>& seen, ColmapModel* model) {
-  std::vector<std::vector<ColmapTrackElement>> tracks(reconstruction.points.size());
-  std::vector<double> error_sums(tracks.size(), 0);
-  std::vector<int> errors(tracks.size(), 0);
-  for (size_t i = 0; i < model->images.size(); ++i) {
-    const ColmapImage& image = model->images[i];
-    const Camera& camera = reconstruction.rig.cameras[image.camera];
+  size_t size() const { return keyframes_.size() * cameras_; }
+  const Reconstruction& world() const { return world_; }
+  const Camera& camera(size_t i) const { return world_.rig.cameras[i % cameras_]; }
+
+  ColmapImage image(size_t i) const {
+    const PosedFrame& posed = world_.frames[keyframes_[i / cameras_]->frame];
+    const Rigid3 cam_from_world = (*posed.world_from_rig * camera(i).rig_from_cam).inverse();
+    const Eigen::Quaterniond& q = cam_from_world.rotation;
+    const Eigen::Vector3d& t = cam_from_world.translation;
+    ColmapImage image;
+    image.id = static_cast<uint32_t>(i + 1);
+    image.rotation = {q.w(), q.x(), q.y(), q.z()};
+    image.translation = {t.x(), t.y(), t.z()};
+    image.camera_id = static_cast<uint32_t>(i % cameras_ + 1);
+    image.name = cameras_ == 1 ? posed.image_name : camera(i).name + "/" + posed.image_name;
+    return image;
+  }
+
+  // Calls f(observation) for the keypoints of an image.
+  template <typename F>
+  void for_each_keypoint(size_t i, F f) const {
+    const KeyFrame& keyframe = *keyframes_[i / cameras_];
+    for (int k = keyframe.first_observation; k < keyframe.last_observation; ++k) {
+      const Observation& o = world_.observations[k];
+      if (o.camera == static_cast<int>(i % cameras_)) f(o);
+    }
+  }
+
+ private:
+  const Reconstruction& world_;
+  size_t cameras_;
+  std::vector<const KeyFrame*> keyframes_;
+};
+
+// Where each point is seen, and its mean error.
+class PointTracks {
+ public:
+  explicit PointTracks(const WorldImages& images)
+      : first_(images.world().points.size() + 1, 0), errors_(first_.size() - 1) {
+    for (size_t i = 0; i < images.size(); ++i) {
+      images.for_each_keypoint(i, [&](const Observation& o) { ++first_[o.point + 1]; });
+    }
+    std::partial_sum(first_.begin(), first_.end(), first_.begin());
+    elements_.resize(first_.back());
+    std::vector<uint32_t> next(first_.begin(), first_.end() - 1);
+    for (size_t i = 0; i < images.size(); ++i) add(images, i, &next);
+  }
+
+  size_t length(size_t point) const { return first_[point + 1] - first_[point]; }
+  // Of image and keypoint.
+  std::span<const std::pair<uint32_t, uint32_t>> elements(size_t point) const {
+    return std::span(elements_).subspan(first_[point], length(point));
+  }
+  double mean_error(size_t point) const {
+    return errors_[point].count > 0 ? errors_[point].sum / errors_[point].count : -1.0;
+  }
+
+ private:
+  struct Error {
+    double sum = 0;  // pixels
+    int count = 0;
+  };
+
+  void add(const WorldImages& images, size_t i, std::vector<uint32_t>* next) {
+    const ColmapImage image = images.image(i);
     const Rigid3 cam_from_world = colmap_pose(image);
-    for (size_t k = image.first_keypoint; k < image.last_keypoint; ++k) {
-      const Observation& o = reconstruction.observations[seen[k]];
-      tracks[o.point].push_back(
-          {image.id, static_cast<uint32_t>(k - image.first_keypoint), static_cast<int>(i)});
+    uint32_t keypoint = 0;
+    images.for_each_keypoint(i, [&](const Observation& o) {
+      elements_[(*next)[o.point]++] = {image.id, keypoint++};
       Eigen::Vector2d pixel;
-      if (!camera.project(cam_from_world * reconstruction.points[o.point].position, &pixel)) continue;
-      error_sums[o.point] += (pixel - o.pixel).norm();
-      ++errors[o.point];
-    }
+      const Eigen::Vector3d& position = images.world().points[o.point].position;
+      if (!images.camera(i).project(cam_from_world * position, &pixel)) return;
+      errors_[o.point].sum += (pixel - o.pixel).norm();
+      ++errors_[o.point].count;
+    });
   }
-  for (size_t p = 0; p < tracks.size(); ++p) {
-    if (tracks[p].empty()) continue;
-    const double error = errors[p] > 0 ? error_sums[p] / errors[p] : -1.0;
-    const size_t first = model->elements.size();
-    model->elements.insert(model->elements.end(), tracks[p].begin(), tracks[p].end());
-    model->points.push_back({p + 1, reconstruction.points[p].position, reconstruction.points[p].rgb, error,
-                             first, model->elements.size()});
-  }
+
+  std::vector<uint32_t> first_;  // element of each point
+  std::vector<std::pair<uint32_t, uint32_t>> elements_;
+  std::vector<Error> errors_;
+};
+
+// A file of `count` records. append(i, bytes) makes that of element i < end, or none.
+template <typename Append>
+Result<void> write_records(const std::filesystem::path& path, uint64_t count, size_t end, Append append) {
+  constexpr size_t kPartBytes = 1 << 20;
+  std::string part;
+  size_t next = 0;
+  return write_file(path, [&, begun = false]() mutable -> std::string_view {
+    part.clear();
+    if (!std::exchange(begun, true)) append_little_endian(part, count);
+    while (next < end && part.size() < kPartBytes) append(next++, &part);
+    return part;
+  });
+}
+
+Result<void> write_images(const WorldImages& images, const std::filesystem::path& path) {
+  std::vector<ColmapKeypoint> keypoints;
+  return write_records(path, images.size(), images.size(), [&](size_t i, std::string* bytes) {
+    keypoints.clear();
+    images.for_each_keypoint(i, [&](const Observation& o) {
+      keypoints.push_back({o.pixel.x() + kColmapPixelOrigin, o.pixel.y() + kColmapPixelOrigin,
+                           static_cast<uint64_t>(o.point + 1)});
+    });
+    append_colmap_image_bin(images.image(i), keypoints, bytes);
+  });
+}
+
+// The points that are seen.
+Result<void> write_points(const WorldImages& images, const std::filesystem::path& path) {
+  const std::vector<MapPoint>& points = images.world().points;
+  const PointTracks tracks(images);
+  uint64_t seen = 0;
+  for (size_t p = 0; p < points.size(); ++p) seen += tracks.length(p) > 0;
+  std::vector<ColmapTrackElement> elements;
+  return write_records(path, seen, points.size(), [&](size_t p, std::string* bytes) {
+    elements.clear();
+    for (const auto& [image, keypoint] : tracks.elements(p)) elements.push_back({image, keypoint});
+    if (elements.empty()) return;
+    append_colmap_point_bin({p + 1, points[p].position, points[p].rgb, tracks.mean_error(p)}, elements,
+                            bytes);
+  });
 }
 
 }  // namespace
@@ -95,10 +166,12 @@ void append_points(const Reconstruction& reconstruction, const std::vector<int>&
 Result<void> write_colmap_model(const Reconstruction& world, const std::filesystem::path& folder) {
   ColmapModel model;
   if (!append_cameras(world.rig, &model)) return {};
-  std::vector<int> seen;
-  append_images(world, &model, &seen);
-  append_points(world, seen, &model);
-  return write_colmap_model(model, folder);
+  const WorldImages images(world);
+  Result<void> written = create_colmap_folder(folder);
+  if (written) written = write_file(folder / "cameras.bin", format_colmap_cameras_bin(model));
+  if (written) written = write_images(images, folder / "images.bin");
+  if (written) written = write_points(images, folder / "points3D.bin");
+  return written;
 }
 
 }  // namespace raysfm

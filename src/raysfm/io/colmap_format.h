@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -15,6 +16,11 @@ namespace raysfm {
 Result<void> parse_colmap_cameras_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_images_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
 Result<void> parse_colmap_points_bin(std::string_view bytes, const std::string& file, ColmapModel* model);
+// One record of the images file, and of the points file, behind what is there.
+void append_colmap_image_bin(const ColmapImage& image, std::span<const ColmapKeypoint> keypoints,
+                             std::string* bytes);
+void append_colmap_point_bin(const ColmapPoint& point, std::span<const ColmapTrackElement> elements,
+                             std::string* bytes);
 std::string format_colmap_cameras_bin(const ColmapModel& model);
 std::string format_colmap_images_bin(const ColmapModel& model);
 std::string format_colmap_points_bin(const ColmapModel& model);

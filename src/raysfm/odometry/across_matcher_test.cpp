@@ -47,8 +47,8 @@ class AcrossMatcherTest : public testing::Test {
         keyframe.add(c, features.pixels[f], features.octaves[f], -1);
       }
     }
-    pixels_ = keyframe.pixels;
-    cameras_ = keyframe.cameras;
+    pixels_.assign(keyframe.pixels.begin(), keyframe.pixels.end());
+    cameras_.assign(keyframe.cameras.begin(), keyframe.cameras.end());
     std::vector<int> all(keyframe.size());
     std::iota(all.begin(), all.end(), 0);
     std::vector<AcrossMatch> matches;

@@ -1,6 +1,7 @@
 #include "raysfm/odometry/dead_features.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace raysfm {
@@ -16,10 +17,10 @@ bool is_alive(const Map& map, int keyframe, int feature, bool for_good) {
 }
 
 // Moves elements kept[i] to i and drops the rest, of the memory too. Empty ones stay empty.
-template <typename T>
-void keep(const std::vector<int>& kept, std::vector<T>* values) {
+template <typename Array>
+void keep(const std::vector<int>& kept, Array* values) {
   if (values->empty()) return;
-  std::vector<T> fewer;
+  Array fewer;
   fewer.reserve(kept.size());
   for (const int i : kept) fewer.push_back((*values)[i]);
   *values = std::move(fewer);
@@ -54,7 +55,7 @@ std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFr
   std::vector<int> kept, moved_to(k.size(), -1);
   for (int f = 0; f < k.size(); ++f) {
     if (is_alive(*map, keyframe, f, for_good)) {
-      std::vector<TrackObservation>& observations = map->tracks[k.tracks[f]].observations;
+      MapArray<TrackObservation>& observations = map->tracks[k.tracks[f]].observations;
       for (TrackObservation& o : observations) {
         if (o.keyframe == keyframe && o.feature == f) o.feature = static_cast<int>(kept.size());
       }

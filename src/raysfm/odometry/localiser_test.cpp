@@ -311,7 +311,7 @@ TEST_F(LocalMapTest, HoldsEachTrackOnceWithAFeatureThatSawIt) {
 
   EXPECT_EQ(local.points.size(), tracks_of(local).size());
   EXPECT_EQ(local.points.size(), 600u);
-  const std::vector<int>& anchor_tracks = map_.keyframes[2].tracks;
+  const MapArray<int>& anchor_tracks = map_.keyframes[2].tracks;
   int last_keyframe = 0;
   for (const LocalPoint& p : local.points) {
     EXPECT_GE(p.keyframe, last_keyframe) << "not sorted by key frame";

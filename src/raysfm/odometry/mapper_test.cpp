@@ -248,7 +248,7 @@ TEST_F(AdjustTest, PointsThatOnlyOldKeyFramesSeeStay) {
   }
   ASSERT_EQ(old.size(), 20u);
   disturb_pixels(0.5);
-  const std::vector<Track> before = truth_.map.tracks;
+  const auto before = truth_.map.tracks;
   Mapper mapper(truth_.rig, options_);
   mapper.adjust_locally(&truth_.map);
   for (const size_t t : old) EXPECT_EQ(truth_.map.tracks[t].position, before[t].position);

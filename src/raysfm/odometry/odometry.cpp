@@ -5,8 +5,10 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <numeric>
+#include <utility>
 
 #include "raysfm/core/median.h"
+#include "raysfm/core/memory.h"
 #include "raysfm/odometry/dead_features.h"
 
 namespace raysfm {
@@ -63,8 +65,7 @@ Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
   for (int f = 0; f < keyframe.size(); ++f) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
-    pose.matches.push_back(
-        {{track, static_cast<uint8_t>(keyframe.cameras[f]), keyframe.octaves[f], keyframe.pixels[f]}, true});
+    pose.matches.push_back({{track, keyframe.cameras[f], keyframe.octaves[f], keyframe.pixels[f]}, true});
   }
   return pose;
 }
@@ -517,6 +518,7 @@ Reconstruction Odometry::finish(bool final_global) {
       }
     }
   }
+  release_views();
   if (final_global) {
     for (SegmentState& s : segments_) mapper_.adjust_globally(&s.map);
   }
@@ -532,10 +534,20 @@ Reconstruction Odometry::finish(bool final_global) {
   return hand_over();
 }
 
-// Points and observations of a segment, behind those of the ones before it. Returns the sum of the squared
-// residuals.
-double Odometry::hand_over_map(int number, Reconstruction* out) const {
-  const Map& map = segments_[number].map;
+// What only more views would need.
+void Odometry::release_views() {
+  previous_.reset();
+  starter_.reset();
+  local_ = {};
+  relocaliser_.clear();
+  for (SegmentState& s : segments_) s.views = std::vector<KeyFrameView>();
+  return_freed_memory();
+}
+
+// Points and observations of a segment, behind those of the ones before it. The map is freed meanwhile, so
+// that no two copies of it are there at a time. Returns the sum of the squared residuals.
+double Odometry::hand_over_map(int number, Reconstruction* out) {
+  Map& map = segments_[number].map;
   double squares = 0;
   std::vector<int> point_of_track(map.tracks.size(), -1);
   for (size_t t = 0; t < map.tracks.size(); ++t) {
@@ -543,14 +555,16 @@ double Odometry::hand_over_map(int number, Reconstruction* out) const {
     point_of_track[t] = static_cast<int>(out->points.size());
     out->points.push_back({map.tracks[t].position, map.tracks[t].rgb, number});
   }
-  for (const MapKeyFrame& k : map.keyframes) {
+  map.tracks.clear();
+  for (MapKeyFrame& kept : map.keyframes) {
+    const MapKeyFrame k = std::exchange(kept, {});
     KeyFrame keyframe{k.frame, static_cast<int>(out->observations.size()), 0};
     for (int f = 0; f < k.size(); ++f) {
       const int track = k.tracks[f];
       Eigen::Vector2d predicted;
       if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
       const int camera = k.cameras[f];
-      const Eigen::Vector3d point = k.rig_from_world * map.tracks[track].position;
+      const Eigen::Vector3d point = k.rig_from_world * out->points[point_of_track[track]].position;
       if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
       const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
       squares += (predicted - pixel).squaredNorm();
@@ -590,10 +604,10 @@ void Odometry::reserve_observations(Reconstruction* out) const {
   out->points.reserve(points);
 }
 
-// Each map is freed once it is handed over, so that no two copies of all of them are there at a time.
 Reconstruction Odometry::hand_over() {
   Reconstruction out;
   out.rig = rig_.rig();
+  out.frames.reserve(frames_.size());
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();
     frame.timestamp = f.timestamp;

@@ -101,7 +101,8 @@ class Odometry {
   void forget_old_views();
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
-  double hand_over_map(int number, Reconstruction* out) const;
+  void release_views();
+  double hand_over_map(int number, Reconstruction* out);
   int hand_over_summary(int number, Reconstruction* out) const;
   void reserve_observations(Reconstruction* out) const;
   Reconstruction hand_over();
@@ -115,8 +116,8 @@ class Odometry {
   Mapper mapper_;
   Relocaliser relocaliser_;  // of the newest segment
   std::optional<Starter> starter_;
-  std::vector<SegmentState> segments_;
-  std::deque<FrameRecord> frames_;
+  std::deque<SegmentState> segments_;
+  std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
   std::optional<Previous> previous_;
   LocalMap local_;
   int anchor_points_ = 0;       // of local_ seen by its key frame

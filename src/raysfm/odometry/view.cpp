@@ -170,9 +170,9 @@ CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig) {
   KeyFrameView out;
   out.view = std::move(view);
-  out.cameras = keyframe.cameras;
-  out.pixels = keyframe.pixels;
-  out.octaves = keyframe.octaves;
+  out.cameras.assign(keyframe.cameras.begin(), keyframe.cameras.end());
+  out.pixels.assign(keyframe.pixels.begin(), keyframe.pixels.end());
+  out.octaves.assign(keyframe.octaves.begin(), keyframe.octaves.end());
   out.origins.resize(keyframe.size());
   out.directions.resize(keyframe.size());
   out.ray_jacobians.resize(keyframe.size());

@@ -88,7 +88,7 @@ void extract_patches(const Octaves& picture, int octave, std::span<const Eigen::
 // the map's key frame.
 struct KeyFrameView {
   ViewPtr view;
-  std::vector<int> cameras;
+  std::vector<uint8_t> cameras;
   std::vector<Eigen::Vector2f> pixels;
   std::vector<uint8_t> octaves;  // of the patches
   PatchSet patches;

@@ -3,13 +3,19 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <vector>
 
 #include "raysfm/camera/observed_ray.h"
+#include "raysfm/core/slab_allocator.h"
 #include "raysfm/geometry/pose.h"
 
 namespace raysfm {
+
+// What stays as long as the map.
+template <typename T>
+using MapArray = std::vector<T, SlabAllocator<T>>;
 
 // Where a track was seen: feature `feature` of key frame `keyframe`.
 struct TrackObservation {
@@ -22,24 +28,24 @@ struct Track {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world; meaningless until triangulated
   bool triangulated = false;
   std::array<uint8_t, 3> rgb = {128, 128, 128};
-  std::vector<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
-  bool had_position = false;                   // frames may refer to it even where it has none now
+  bool had_position = false;                // frames may refer to it even where it has none now
+  MapArray<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
 };
 
 // A key frame of the map; the arrays run over its features.
 struct MapKeyFrame {
   int frame = 0;  // index of the input frame
   Rigid3 rig_from_world;
-  std::vector<int> cameras;             // of the rig, that the feature is seen in
-  std::vector<Eigen::Vector2f> pixels;  // sub-pixel positions
-  std::vector<uint8_t> octaves;         // of the image (features/octaves.h), in which these were found
-  std::vector<int> tracks;              // track seen there
-  std::vector<uint8_t> inliers;         // 1 while the observation agrees with its track's position
-  std::vector<ObservedRay> rays;        // where residuals are angular; else empty
+  MapArray<uint8_t> cameras;         // of the rig, that the feature is seen in
+  MapArray<Eigen::Vector2f> pixels;  // sub-pixel positions
+  MapArray<uint8_t> octaves;         // of the image (features/octaves.h), in which these were found
+  MapArray<int> tracks;              // track seen there
+  MapArray<uint8_t> inliers;         // 1 while the observation agrees with its track's position
+  MapArray<ObservedRay> rays;        // where residuals are angular; else empty
 
   int size() const { return static_cast<int>(pixels.size()); }
   int add(int camera, const Eigen::Vector2f& pixel, int octave, int track) {
-    cameras.push_back(camera);
+    cameras.push_back(static_cast<uint8_t>(camera));
     pixels.push_back(pixel);
     octaves.push_back(static_cast<uint8_t>(octave));
     tracks.push_back(track);
@@ -51,7 +57,7 @@ struct MapKeyFrame {
 // The world of one segment.
 struct Map {
   std::vector<MapKeyFrame> keyframes;  // in time order
-  std::vector<Track> tracks;
+  std::deque<Track, SlabAllocator<Track>> tracks;
   std::vector<int> free_tracks;  // indices of tracks that were given up
   // Standard deviation of the logarithm of the scale, by which the map is in the unit of the rig's
   // calibration; infinite where nothing tells it.
@@ -65,7 +71,6 @@ struct Map {
   // Index of a track without observations.
   int new_track() {
     if (free_tracks.empty()) {
-      if (tracks.size() == tracks.capacity()) tracks.reserve(tracks.size() + tracks.size() / 8 + 1024);
       tracks.emplace_back();
       return static_cast<int>(tracks.size()) - 1;
     }
