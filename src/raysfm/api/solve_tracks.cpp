@@ -144,7 +144,7 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
   }
   const int threads = thread_count(settings.threads);
   input->streams.resize(1);
-  ViewStream stream(input->streams, {camera}, threads);
+  ViewStream stream(input->streams, ViewMaker({camera}), threads);
   TrackJoiner joiner;
   bool interrupted = false;
   StageTiming detect, follow;

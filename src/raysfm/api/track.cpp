@@ -13,21 +13,16 @@
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/frame_source.h"
 #include "raysfm/io/image_file.h"
-#include "raysfm/odometry/extrinsics_check.h"
-#include "raysfm/odometry/odometry.h"
-#include "raysfm/odometry/sight_mask.h"
+#include "raysfm/odometry/tracker.h"
 
 namespace raysfm {
 namespace {
-
-// No frame with fewer corners is ever posed.
-constexpr int kMinCorners = 20;
 
 // What a run works on, opened and found to fit together.
 struct Sources {
   Input input;
   Rig rig;
-  std::vector<GrayImage> masks;  // by camera; empty: it sees the scene everywhere
+  std::vector<GrayImage> masks;  // by camera; empty: none is given
 };
 
 Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSink& event) {
@@ -57,7 +52,7 @@ Rig cameras_in_use(Rig rig, const TrackSettings& settings) {
   return rig;
 }
 
-// Where the camera sees the scene, as the user says and its model knows.
+// Where the camera sees the scene, as the user says.
 Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
   std::filesystem::path path = camera.mask_path;
   if (path.empty() && input.mask && input.streams.size() == 1) path = *input.mask;
@@ -67,7 +62,7 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
     if (!read) return read.error();
     mask = *std::move(read);
   }
-  return sight_mask(camera, std::move(mask));
+  return mask;
 }
 
 Result<Sources> open_sources(const TrackSettings& settings, const EventSink& event) {
@@ -119,54 +114,17 @@ void explain_interruption(Reconstruction* reconstruction) {
   }
 }
 
-// What the images of a frame show.
-struct Sight {
-  std::optional<int> corners;  // not counted where the frame is posed without
-  int brightest = 255;         // level of a pixel; told only where there are few corners
-  std::string defect;
-};
-
-// Levels up to this are nearly black. Twelve bits in a file of sixteen end at 15.
-constexpr int kBlack = 15;
-
-// Where nothing can be seen, that is the reason, and not what came of it later.
-void explain_blind_frames(const std::vector<Sight>& sights, Reconstruction* reconstruction) {
-  for (size_t i = 0; i < sights.size(); ++i) {
-    PosedFrame& frame = reconstruction->frames[i];
-    const int corners = sights[i].corners.value_or(kMinCorners);
-    if (frame.world_from_rig || !sights[i].defect.empty() || corners >= kMinCorners) continue;
-    frame.reason = fmt::format("too few corners: {}, at least {} are needed", corners, kMinCorners);
-    if (sights[i].brightest > kBlack) continue;
-    frame.reason +=
-        fmt::format("; the picture is nearly black, its brightest pixel is {} of 255", sights[i].brightest);
-  }
-}
-
-Report make_report(const TrackSettings& settings, const Odometry& odometry, const StageTiming& decode) {
-  const OdometryTimings t = odometry.timings();
+Report make_report(const TrackSettings& settings, const Tracker& tracker, const StageTiming& decode) {
+  const OdometryTimings t = tracker.timings();
   Report report;
   report.seed = settings.odometry.seed;
   report.input = settings.inputs;
-  report.camera_class = to_string(camera_class(odometry.rig().rig()));
-  report.error = odometry.rig().angular() ? "angular" : "pixel";
+  report.camera_class = to_string(camera_class(tracker.rig().rig()));
+  report.error = tracker.rig().angular() ? "angular" : "pixel";
   report.stages = {{"decode", decode},       {"detect", t.detect}, {"start", t.start},
                    {"match", t.match},       {"pose", t.pose},     {"align", t.align},
                    {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"frame", t.frame}};
   return report;
-}
-
-std::vector<CameraInput> camera_inputs(const Sources& sources, const TrackSettings& settings) {
-  const int count = static_cast<int>(sources.rig.cameras.size());
-  std::vector<CameraInput> inputs;
-  for (int c = 0; c < count; ++c) {
-    CameraInput& input = inputs.emplace_back();
-    input.stream = sources.rig.cameras[c].stream;
-    input.roi = sources.rig.cameras[c].roi;
-    // More cameras see more, but part of it more than once.
-    input.harris.max_features = 2 * settings.odometry.features / (count + 1);
-    input.harris.mask = sources.masks[c].view();
-  }
-  return inputs;
 }
 
 // Where the calibration came from, for messages.
@@ -175,26 +133,45 @@ std::string camera_source(const TrackSettings& settings, const Input& input) {
   return input.calibration_file ? input.calibration_file->string() : settings.inputs[0];
 }
 
-int brightest(const View& view) {
-  int level = 0;
-  for (const CameraView& camera : view.cameras) {
-    const GrayView image = camera.octaves->at(camera.octaves->first());
-    for (int y = 0; y < image.height; ++y) {
-      level = std::max<int>(level, *std::max_element(image.row(y), image.row(y) + image.width));
-    }
-  }
-  return level;
-}
+// Puts into words what the user is told as it happens.
+class Narrator : public TrackerObserver {
+ public:
+  explicit Narrator(const EventSink& event) : event_(event) {}
 
-Sight sight_of(const View& view) {
-  Sight sight;
-  sight.defect = view.defect;
-  if (!view.detected()) return sight;
-  int corners = 0;
-  for (const CameraView& camera : view.cameras) corners += camera.features.size();
-  sight.corners = corners;
-  if (corners < kMinCorners && sight.defect.empty()) sight.brightest = brightest(view);
-  return sight;
+  void world_started(const WorldStarted& e) override {
+    const std::vector<int>& frames = e.start.frames;
+    tell(event_, Event::Level::kInfo,
+         fmt::format("started from frames {}, {}, {} with {} points", frames[0], frames[1], frames[2],
+                     e.start.inliers));
+  }
+  void start_refused(const StartRefused& e) override {
+    tell(event_, Event::Level::kWarning, fmt::format("no start yet: {}", e.reason));
+  }
+  void track_lost(const TrackLost& e) override {
+    tell(event_, Event::Level::kWarning, fmt::format("track lost at frame {}: {}", e.frame, e.reason));
+  }
+  void track_found(const TrackFound& e) override {
+    tell(event_, Event::Level::kInfo,
+         fmt::format("track found again at frame {} in key frame {}", e.frame, e.keyframe));
+  }
+
+ private:
+  const EventSink& event_;
+};
+
+// Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
+Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
+                      const std::string& calibration, Tracker& tracker) {
+  for (;;) {
+    if (callbacks.stop && callbacks.stop->load()) return true;
+    Result<ViewPtr> view = stream.next();
+    if (!view) return view.error();
+    if (!*view) return false;
+    const Result<FrameResult> frame = tracker.push(*std::move(view));
+    if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
+    stream.detect_ahead(frame->state != TrackingState::kTracking);
+    if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
+  }
 }
 
 }  // namespace
@@ -208,33 +185,20 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }
-  const int threads = thread_count(settings.threads);
-  ViewStream stream(sources->input.streams, camera_inputs(*sources, settings), threads);
+  Narrator narrator(callbacks.event);
+  Result<std::unique_ptr<Tracker>> made =
+      Tracker::create(sources->rig, {settings.odometry, std::move(sources->masks)}, &narrator);
+  if (!made) return made.error();
+  Tracker& tracker = **made;
+  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads));
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
-  Odometry odometry(sources->rig, settings.odometry, callbacks.event, &stream.maker());
-  std::vector<Sight> sights;
-  bool checked = false;
-  for (;;) {
-    out.interrupted = callbacks.stop && callbacks.stop->load();
-    if (out.interrupted) break;
-    Result<ViewPtr> view = stream.next();
-    if (!view) return view.error();
-    if (!*view) break;
-    if (!checked && (*view)->defect.empty()) {
-      checked = true;
-      if (auto problem = opposite_extrinsics(odometry.rig(), **view)) {
-        return bad_input(fmt::format("{}: {}", camera_source(settings, sources->input), *problem));
-      }
-    }
-    odometry.process(*view);
-    stream.detect_ahead(!odometry.tracking());
-    if (!odometry.tracking()) view = stream.maker().detected(*view);
-    sights.push_back(sight_of(**view));
-    if (callbacks.progress) callbacks.progress({odometry.frames(), source.frame_count(), odometry.posed()});
-  }
-  if (sights.empty() && !out.interrupted) {
+  const Result<bool> stopped =
+      push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input), tracker);
+  if (!stopped) return stopped.error();
+  out.interrupted = *stopped;
+  if (tracker.frames() == 0 && !out.interrupted) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
   if (!out.interrupted) {
@@ -242,14 +206,13 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     tell(callbacks.event, Event::Level::kWarning, stream.note());
   }
 
-  out.reconstruction = odometry.finish(settings.final == "global");
-  explain_blind_frames(sights, &out.reconstruction);
+  out.reconstruction = tracker.finish(settings.final == "global");
   if (out.interrupted) explain_interruption(&out.reconstruction);
-  out.report = make_report(settings, odometry, stream.finish());
+  out.report = make_report(settings, tracker, stream.finish());
   out.report.interrupted = out.interrupted;
   out.report.frames_in_input = source.frame_count();
   out.report.wall_s = milliseconds_since(start) / 1000.0;
-  out.report.frames_per_second = odometry.frames() / out.report.wall_s;
+  out.report.frames_per_second = tracker.frames() / out.report.wall_s;
   out.report.peak_rss_mib = peak_rss_mib();
   return out;
 }

@@ -17,10 +17,9 @@ std::future<T> ready(T value) {
 
 }  // namespace
 
-ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources,
-                       std::vector<CameraInput> cameras, int threads)
+ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads)
     : sources_(sources),
-      maker_(std::move(cameras)),
+      maker_(std::move(maker)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
   if (threads > 1) reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
 }

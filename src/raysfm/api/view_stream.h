@@ -24,8 +24,7 @@ namespace raysfm {
 class ViewStream {
  public:
   // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
-  ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, std::vector<CameraInput> cameras,
-             int threads);
+  ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads);
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
@@ -33,7 +32,6 @@ class ViewStream {
   // Whether corners are detected ahead of time, which they are at first. Changes nothing in views once they
   // are detected.
   void detect_ahead(bool ahead) { detect_ahead_ = ahead; }
-  const ViewMaker& maker() const { return maker_; }
 
   // The next view; null at the end.
   Result<ViewPtr> next();

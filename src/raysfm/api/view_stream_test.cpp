@@ -92,7 +92,7 @@ TEST_P(ViewStreamTest, ViewsComeInOrderAndAreThoseOfOneThread) {
   constexpr int kFrames = 40;
   OneStream one(kFrames);
   MadeFrames alone(kFrames);
-  ViewStream stream(one.streams, {{0, {}, kOptions}}, GetParam());
+  ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
   const std::vector<ViewPtr> views = all_views(stream);
   ASSERT_EQ(views.size(), size_t{kFrames});
   HarrisDetector detector;
@@ -118,7 +118,7 @@ TEST_P(ViewStreamTest, APartOfTheFramesIsCut) {
   OneStream one(3, -1, true);
   MadeFrames alone(3, -1, true);
   const Roi roi{10, 7, 64, 48};
-  ViewStream stream(one.streams, {{0, roi, kOptions}}, GetParam());
+  ViewStream stream(one.streams, ViewMaker({{0, roi, kOptions}}), GetParam());
   for (const ViewPtr& view : all_views(stream)) {
     const InputFrame frame = std::move(**alone.next());
     const GrayView gray = frame.gray.view();
@@ -140,7 +140,8 @@ TEST_P(ViewStreamTest, CamerasShareAStreamOrHaveOneEach) {
   streams.push_back(std::make_unique<MadeFrames>(4, -1, true));
   MadeFrames alone(4);
   const Roi left{0, 0, 48, 64}, right{48, 0, 48, 64};
-  ViewStream stream(streams, {{0, left, kOptions}, {1, {}, kOptions}, {0, right, kOptions}}, GetParam());
+  ViewStream stream(streams, ViewMaker({{0, left, kOptions}, {1, {}, kOptions}, {0, right, kOptions}}),
+                    GetParam());
   const std::vector<ViewPtr> views = all_views(stream);
   ASSERT_EQ(views.size(), 4u);
   for (const ViewPtr& view : views) {
@@ -160,14 +161,14 @@ TEST_P(ViewStreamTest, CamerasShareAStreamOrHaveOneEach) {
 TEST_P(ViewStreamTest, TheShortestStreamEndsTheViewsAndIsNamed) {
   Streams streams;
   for (const int frames : {9, 6}) streams.push_back(std::make_unique<MadeFrames>(frames));
-  ViewStream stream(streams, {{0, {}, kOptions}, {1, {}, kOptions}}, GetParam());
+  ViewStream stream(streams, ViewMaker({{0, {}, kOptions}, {1, {}, kOptions}}), GetParam());
   EXPECT_EQ(all_views(stream).size(), 6u);
   EXPECT_NE(stream.note().find("made for a test ends after 6 frames"), std::string::npos) << stream.note();
 }
 
 TEST_P(ViewStreamTest, AnErrorComesInItsTurnAndEndsTheStream) {
   OneStream one(20, 5);
-  ViewStream stream(one.streams, {{0, {}, kOptions}}, GetParam());
+  ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
   for (int i = 0; i < 5; ++i) {
     Result<ViewPtr> view = stream.next();
     ASSERT_TRUE(view) << view.error().message;
@@ -187,7 +188,7 @@ TEST_P(ViewStreamTest, ADefectOfOneStreamIsOneOfTheViewAndNothingEnds) {
   Streams streams;
   for (int i = 0; i < 2; ++i) streams.push_back(std::make_unique<MadeFrames>(6));
   static_cast<MadeFrames&>(*streams[1]).defect_at = 3;
-  ViewStream stream(streams, {{0, {}, kOptions}, {1, {}, kOptions}}, GetParam());
+  ViewStream stream(streams, ViewMaker({{0, {}, kOptions}, {1, {}, kOptions}}), GetParam());
   const std::vector<ViewPtr> views = all_views(stream);
   ASSERT_EQ(views.size(), 6u);
   for (int i = 0; i < 6; ++i) {
@@ -200,7 +201,7 @@ TEST_P(ViewStreamTest, ADefectOfOneStreamIsOneOfTheViewAndNothingEnds) {
 
 TEST_P(ViewStreamTest, NoFramesAreNoViews) {
   OneStream one(0);
-  ViewStream stream(one.streams, {{0, {}, kOptions}}, GetParam());
+  ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
   EXPECT_TRUE(all_views(stream).empty());
 }
 
@@ -210,7 +211,7 @@ TEST_P(ViewStreamTest, MayBeLeftAtAnyTime) {
   for (const int taken : {0, 1, 3, 12}) {
     OneStream one(kFrames);
     {
-      ViewStream stream(one.streams, {{0, {}, kOptions}}, GetParam());
+      ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
       for (int i = 0; i < taken; ++i) ASSERT_TRUE(stream.next());
     }
     EXPECT_GE(one.source().made, taken);
@@ -220,7 +221,7 @@ TEST_P(ViewStreamTest, MayBeLeftAtAnyTime) {
 
 TEST_P(ViewStreamTest, MayBeFinishedEarly) {
   OneStream one(100);
-  ViewStream stream(one.streams, {{0, {}, kOptions}}, GetParam());
+  ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
   ASSERT_TRUE(stream.next());
   EXPECT_GE(stream.finish().count, 1);
   EXPECT_EQ(stream.finish().count, one.source().made) << "a second call tells the same";

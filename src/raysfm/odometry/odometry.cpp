@@ -4,11 +4,13 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cassert>
 #include <numeric>
 #include <utility>
 
 #include "raysfm/core/median.h"
 #include "raysfm/core/memory.h"
+#include "raysfm/odometry/blindness.h"
 #include "raysfm/odometry/dead_features.h"
 
 namespace raysfm {
@@ -31,7 +33,6 @@ constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth it
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
 constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little is matched
-constexpr double kMetric = 0.02;        // standard deviation of the scale below which it is called metric
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
@@ -81,39 +82,81 @@ Rigid3 part_of(const Rigid3& motion, double part) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(part * turn.angle(), turn.axis())), part * motion.translation};
 }
 
+// Where nobody listens.
+TrackerObserver& nobody() {
+  static TrackerObserver observer;
+  return observer;
+}
+
 }  // namespace
 
-Odometry::Odometry(Rig rig, const OdometryOptions& options, EventSink events, const ViewMaker* maker)
+Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* observer, const ViewMaker* maker)
     : options_(options),
       rig_(std::move(rig), options.error),
-      events_(std::move(events)),
+      observer_(observer != nullptr ? observer : &nobody()),
       maker_(maker),
       localiser_(rig_, options_),
       mapper_(rig_, options_) {
   starter_.emplace(rig_, options_);
 }
 
-void Odometry::tell(Event::Level level, std::string message) const {
-  if (events_) events_({level, std::move(message)});
-}
-
-void Odometry::process(ViewPtr view) {
+FrameResult Odometry::process(ViewPtr view) {
   const Clock::time_point begin = Clock::now();
+  const int frame = view->frame;
+  assert(frame == frames());
   frames_.emplace_back();
   frames_.back().timestamp = view->timestamp;
   frames_.back().name = view->name;
   frames_.back().reason = view->defect;
-  if (!view->defect.empty()) return;
+  if (!view->defect.empty()) return result_of(frame);
   const double ahead_ms = view->detect_ms;
   detected_ms_ = 0;
-  if (tracking()) {
-    track(std::move(view));
-  } else {
-    view = detected(view);
-    if (segments_.empty() || !relocalise(view)) start(view);
-  }
+  waiting_.push_back(std::move(view));
+  go_through_waiting();
   detect_timing_.add(ahead_ms + detected_ms_);
   frame_timing_.add(ahead_ms + milliseconds_since(begin));
+  return result_of(frame);
+}
+
+// A start puts the views after it back in front of those that wait.
+void Odometry::go_through_waiting() {
+  while (!waiting_.empty()) {
+    ViewPtr view = std::move(waiting_.front());
+    waiting_.pop_front();
+    if (tracking()) {
+      track(std::move(view));
+      continue;
+    }
+    view = detected(view);
+    if (!segments_.empty() && relocalise(view)) continue;
+    explain_blindness(*view);
+    start(view);
+  }
+}
+
+FramePosed Odometry::pose_of(int number) const {
+  const FrameRecord& frame = frames_[number];
+  const Rigid3 rig_from_world =
+      frame.rig_from_keyframe * segments_[frame.segment].map.keyframes[frame.keyframe].rig_from_world;
+  return {number, frame.segment, rig_from_world.inverse(),
+          covariance_in_world(rig_from_world, frame.covariance)};
+}
+
+FrameResult Odometry::result_of(int number) const {
+  const FrameRecord& frame = frames_[number];
+  if (frame.segment >= 0) return {number, TrackingState::kTracking, pose_of(number), {}};
+  const TrackingState state = segments_.empty() ? TrackingState::kStarting : TrackingState::kLost;
+  return {number, state, std::nullopt, frame.reason.empty() ? waiting_reason() : frame.reason};
+}
+
+std::string Odometry::waiting_reason() const {
+  const bool tried = starter_ && !starter_->last_reason().empty();
+  return tried ? "no start yet: " + starter_->last_reason() : "no start yet: too little motion so far";
+}
+
+// Where nothing can be seen, that is the reason, and not what comes of it.
+void Odometry::explain_blindness(const View& view) {
+  if (auto reason = blindness(view)) frames_[view.frame].reason = *reason;
 }
 
 ViewPtr Odometry::detected(const ViewPtr& view) {
@@ -128,7 +171,7 @@ void Odometry::start(const ViewPtr& view) {
   const int attempts = starter_->attempts();
   std::optional<Start> start = starter_->push(view, mapper_);
   if (starter_->attempts() > attempts && !start) {
-    tell(Event::Level::kWarning, fmt::format("no start yet: {}", starter_->last_reason()));
+    observer_->start_refused({view->frame, starter_->last_reason()});
   }
   if (!start) return;
   const std::vector<WaitingView> views = starter_->views();
@@ -138,11 +181,12 @@ void Odometry::start(const ViewPtr& view) {
 
 void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {
   const std::vector<int> chosen = start.summary.frames;
-  tell(Event::Level::kInfo, fmt::format("started from frames {}, {}, {} with {} points", chosen[0], chosen[1],
-                                        chosen[2], start.summary.inliers));
-  if (!segments_.empty())
+  if (!segments_.empty()) {
     segments_.back().views = std::vector<KeyFrameView>();  // nothing is looked for in it again
+    settle_until(views.front().frame);
+  }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
+  observer_->world_started({static_cast<int>(segments_.size()) - 1, start.summary});
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
   pose_copies(views);
@@ -158,13 +202,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   }
   relocaliser_.clear();
   set_anchor(2);
-  for (auto it = third + 1; it != views.end(); ++it) {
-    if (tracking()) {
-      track(it->view);
-    } else if (!relocalise(it->view)) {
-      this->start(it->view);
-    }
-  }
+  for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
 }
 
 void Odometry::set_anchor(int keyframe) {
@@ -186,8 +224,9 @@ bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& 
   const Localisation pose =
       localiser_.localise(map, segment().views, local, view, predicted, range_of(sure ? kNear : kWide, view));
   if (!believable(pose)) {
-    frames_[view.frame].reason =
-        fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
+    std::string& reason = frames_[view.frame].reason;
+    if (reason.empty())
+      reason = fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
     return false;
   }
   record(view.frame, pose, local.anchor);
@@ -264,6 +303,7 @@ void Odometry::pose_copies(const std::vector<WaitingView>& views) {
     frame.rig_from_keyframe = original.rig_from_keyframe;
     frame.covariance = original.covariance;
     frame.reason.clear();
+    observer_->frame_posed(pose_of(copy.frame));
   }
 }
 
@@ -374,16 +414,22 @@ double Odometry::mean_keyframe_distance() const {
 
 // Returns the factor by which that rescaled the map.
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
+  const int world = static_cast<int>(segments_.size()) - 1;
   const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
-  rescale_frames(static_cast<int>(segments_.size()) - 1, factor);
+  rescale_frames(world, factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
   record(view->frame, at_keyframe, keyframe);
+  observer_->keyframe_added({view->frame, world, keyframe});
   forget_old_views();
-  if (keyframe >= options_.global_until) settle_frames_of(keyframe - options_.window);
+  const int first_moved = settled_before_;
+  if (keyframe >= options_.global_until) {
+    settle_until(segment().map.keyframes[keyframe - options_.window + 1].frame);
+  }
+  observer_->map_adjusted({world, first_moved, view->frame, factor});
   set_anchor(keyframe);
   return factor;
 }
@@ -421,7 +467,8 @@ void Odometry::drop_dead_features(int keyframe, bool for_good) {
 
 void Odometry::record(int number, const Localisation& pose, int keyframe) {
   FrameRecord& frame = frames_[number];
-  if (frame.segment < 0) ++posed_;
+  const bool is_new = frame.segment < 0;
+  posed_ += is_new;
   frame.segment = static_cast<int>(segments_.size()) - 1;
   frame.keyframe = keyframe;
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
@@ -429,6 +476,7 @@ void Odometry::record(int number, const Localisation& pose, int keyframe) {
   frame.reason.clear();
   frame.matches.clear();
   for (const PointMatch& m : pose.matches) frame.matches.push_back(m);
+  if (is_new) observer_->frame_posed(pose_of(number));
 }
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the
@@ -445,13 +493,10 @@ void Odometry::settle(int segment, FrameRecord* frame) {
   frame->matches = std::vector<TrackPixel>();  // frees the memory, which {} does not
 }
 
-void Odometry::settle_frames_of(int keyframe) {
-  if (keyframe < 0) return;
-  const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
-  const int end =
-      keyframe + 1 < static_cast<int>(keyframes.size()) ? keyframes[keyframe + 1].frame : frames();
-  for (int f = keyframes[keyframe].frame; f < end; ++f) {
-    if (frames_[f].segment + 1 == static_cast<int>(segments_.size())) settle(frames_[f].segment, &frames_[f]);
+void Odometry::settle_until(int end) {
+  for (; settled_before_ < end; ++settled_before_) {
+    FrameRecord& frame = frames_[settled_before_];
+    if (frame.segment >= 0) settle(frame.segment, &frame);
   }
 }
 
@@ -465,13 +510,15 @@ void Odometry::accept(const ViewPtr& view, Localisation pose) {
   previous_ = std::move(now);
 }
 
-void Odometry::lose(const ViewPtr& view, const std::string& reason) {
-  tell(Event::Level::kWarning, fmt::format("track lost at frame {}: {}", view->frame, reason));
+void Odometry::lose(ViewPtr view, const std::string& reason) {
+  view = detected(view);
   segment().end_reason = reason;
   frames_[view->frame].reason = "track lost: " + reason;
+  explain_blindness(*view);
+  observer_->track_lost({view->frame, static_cast<int>(segments_.size()) - 1, frames_[view->frame].reason});
   previous_.reset();
   starter_.emplace(rig_, options_);
-  start(detected(view));
+  start(view);
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
@@ -497,8 +544,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
   if (!recognised(pose, options_)) return false;
-  tell(Event::Level::kInfo,
-       fmt::format("track found again at frame {} in key frame {}", view->frame, keyframe));
+  observer_->track_found({view->frame, static_cast<int>(segments_.size()) - 1, keyframe});
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);
@@ -512,6 +558,7 @@ Reconstruction Odometry::finish(bool final_global) {
       const std::vector<WaitingView> views = starter_->views();
       starter_.emplace(rig_, options_);
       begin_segment(std::move(*start), views);
+      go_through_waiting();
     } else {
       for (FrameRecord& frame : frames_) {
         if (frame.segment < 0 && frame.reason.empty()) frame.reason = "no start: " + starter_->reason();
@@ -531,7 +578,9 @@ Reconstruction Odometry::finish(bool final_global) {
   for (FrameRecord& frame : frames_) {
     if (frame.segment >= 0) settle(frame.segment, &frame);
   }
-  return hand_over();
+  std::vector<Map> maps;
+  for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
+  return assemble(std::move(maps));
 }
 
 // What only more views would need.
@@ -542,100 +591,6 @@ void Odometry::release_views() {
   relocaliser_.clear();
   for (SegmentState& s : segments_) s.views = std::vector<KeyFrameView>();
   return_freed_memory();
-}
-
-// Points and observations of a segment, behind those of the ones before it. The map is freed meanwhile, so
-// that no two copies of it are there at a time. Returns the sum of the squared residuals.
-double Odometry::hand_over_map(int number, Reconstruction* out) {
-  Map& map = segments_[number].map;
-  double squares = 0;
-  std::vector<int> point_of_track(map.tracks.size(), -1);
-  for (size_t t = 0; t < map.tracks.size(); ++t) {
-    if (!map.tracks[t].triangulated) continue;
-    point_of_track[t] = static_cast<int>(out->points.size());
-    out->points.push_back({map.tracks[t].position, map.tracks[t].rgb, number});
-  }
-  map.tracks.clear();
-  for (MapKeyFrame& kept : map.keyframes) {
-    const MapKeyFrame k = std::exchange(kept, {});
-    KeyFrame keyframe{k.frame, static_cast<int>(out->observations.size()), 0};
-    for (int f = 0; f < k.size(); ++f) {
-      const int track = k.tracks[f];
-      Eigen::Vector2d predicted;
-      if (track < 0 || !k.inliers[f] || point_of_track[track] < 0) continue;
-      const int camera = k.cameras[f];
-      const Eigen::Vector3d point = k.rig_from_world * out->points[point_of_track[track]].position;
-      if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
-      const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
-      squares += (predicted - pixel).squaredNorm();
-      out->observations.push_back({point_of_track[track], camera, pixel});
-    }
-    keyframe.last_observation = static_cast<int>(out->observations.size());
-    out->keyframes.push_back(keyframe);
-  }
-  return squares;
-}
-
-// How many of its frames are posed.
-int Odometry::hand_over_summary(int number, Reconstruction* out) const {
-  const double sigma = segments_[number].map.scale_sigma;
-  Segment segment{-1, -1, segments_[number].end_reason, sigma < kMetric, {}};
-  if (std::isfinite(sigma)) segment.scale_sigma = sigma;
-  int posed = 0;
-  for (size_t i = 0; i < frames_.size(); ++i) {
-    if (frames_[i].segment != number) continue;
-    ++posed;
-    if (segment.first < 0) segment.first = static_cast<int>(i);
-    segment.last = static_cast<int>(i);
-  }
-  out->segments.push_back(segment);
-  out->starts.push_back(segments_[number].start);
-  return posed;
-}
-
-// A vector that grows by itself would take three times the memory.
-void Odometry::reserve_observations(Reconstruction* out) const {
-  size_t observations = 0, points = 0;
-  for (const SegmentState& s : segments_) {
-    for (const MapKeyFrame& k : s.map.keyframes) observations += std::ranges::count(k.inliers, 1);
-    points += std::ranges::count_if(s.map.tracks, &Track::triangulated);
-  }
-  out->observations.reserve(observations);
-  out->points.reserve(points);
-}
-
-Reconstruction Odometry::hand_over() {
-  Reconstruction out;
-  out.rig = rig_.rig();
-  out.frames.reserve(frames_.size());
-  for (const FrameRecord& f : frames_) {
-    PosedFrame& frame = out.frames.emplace_back();
-    frame.timestamp = f.timestamp;
-    frame.image_name = f.name;
-    frame.reason = f.reason;
-    frame.segment = f.segment;
-    if (f.segment < 0) continue;
-    const Rigid3 rig_from_world =
-        f.rig_from_keyframe * segments_[f.segment].map.keyframes[f.keyframe].rig_from_world;
-    frame.world_from_rig = rig_from_world.inverse();
-    frame.covariance = covariance_in_world(rig_from_world, f.covariance);
-  }
-  reserve_observations(&out);
-  double squares = 0;
-  int most_posed = 0;
-  for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
-    squares += hand_over_map(s, &out);
-    const int posed = hand_over_summary(s, &out);
-    segments_[s].map = {};
-    if (posed <= most_posed) continue;
-    most_posed = posed;
-    out.metric_scale = out.segments.back().metric_scale;
-    out.scale_sigma = out.segments.back().scale_sigma;
-  }
-  if (!out.observations.empty()) {
-    out.rms_reprojection_px = std::sqrt(squares / static_cast<double>(out.observations.size()));
-  }
-  return out;
 }
 
 OdometryTimings Odometry::timings() const {

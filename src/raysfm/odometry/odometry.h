@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/core/events.h"
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/mapper.h"
+#include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/relocaliser.h"
 #include "raysfm/odometry/starter.h"
@@ -17,8 +17,24 @@
 
 namespace raysfm {
 
+// Time of each stage, one entry for each frame that it was needed in. `frame` is all of a frame's but
+// decoding.
 struct OdometryTimings {
   StageTiming detect, start, match, pose, align, keyframe, adjust, frame;
+};
+
+enum class TrackingState : uint8_t {
+  kStarting,  // no world yet
+  kTracking,  // the frame has a pose
+  kLost,      // it has none; old places are looked for, while a new world tries to start
+};
+
+// What is known of a frame once it was pushed.
+struct FrameResult {
+  int frame = 0;  // counts the frames pushed, from 0
+  TrackingState state = TrackingState::kStarting;
+  std::optional<FramePosed> pose;
+  std::string reason;  // why it has no pose, which it may get yet when a world starts; empty where it has one
 };
 
 // Trajectory and map of a calibrated rig from its views in time order (LBA09 2.7):
@@ -30,14 +46,25 @@ struct OdometryTimings {
 // Where track is lost, the key frames are searched for again while a new segment tries to start.
 class Odometry {
  public:
-  // Valid options; the views hold an image of each camera of the rig. They may lack their corners where
-  // `maker`, which outlives this, is given to detect them when they are needed.
-  Odometry(Rig rig, const OdometryOptions& options, EventSink events, const ViewMaker* maker = nullptr);
+  // Valid options. The views may lack their corners where `maker` is given to detect them when they are
+  // needed. It and the observer outlive this; either may be null.
+  Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* observer = nullptr,
+           const ViewMaker* maker = nullptr);
+  Odometry(const Odometry&) = delete;  // its parts refer to each other
+  Odometry& operator=(const Odometry&) = delete;
 
-  void process(ViewPtr view);
+  // The next view: view->frame counts those before it, its timestamp is above theirs, and it holds an image
+  // of each camera of the rig unless it has a defect.
+  FrameResult process(ViewPtr view);
 
   // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
   Reconstruction finish(bool final_global);
+
+  // What is known now.
+  Reconstruction snapshot() const;
+
+  // Poses of frames before it do not move any more, but by a final adjustment and with the scale of a rig.
+  int first_movable_frame() const { return settled_before_; }
 
   OdometryTimings timings() const;
   const TrackingRig& rig() const { return rig_; }
@@ -74,6 +101,11 @@ class Odometry {
   SegmentState& segment() { return segments_.back(); }
 
   ViewPtr detected(const ViewPtr& view);
+  void go_through_waiting();
+  FrameResult result_of(int frame) const;
+  std::string waiting_reason() const;
+  FramePosed pose_of(int frame) const;
+  void explain_blindness(const View& view);
   void start(const ViewPtr& view);
   void begin_segment(Start start, const std::vector<WaitingView>& views);
   void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
@@ -96,21 +128,19 @@ class Odometry {
   void set_anchor(int keyframe);
   void record(int frame, const Localisation& pose, int keyframe);
   void settle(int segment, FrameRecord* frame);
-  void settle_frames_of(int keyframe);
-  void lose(const ViewPtr& view, const std::string& reason);
+  void settle_until(int frame);
+  void lose(ViewPtr view, const std::string& reason);
   void forget_old_views();
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
   void release_views();
-  double hand_over_map(int number, Reconstruction* out);
-  int hand_over_summary(int number, Reconstruction* out) const;
-  void reserve_observations(Reconstruction* out) const;
-  Reconstruction hand_over();
-  void tell(Event::Level level, std::string message) const;
+  Reconstruction assemble(std::vector<Map> maps) const;
+  double assemble_map(int number, Map map, Reconstruction* out) const;
+  int assemble_summary(int number, double scale_sigma, Reconstruction* out) const;
 
   OdometryOptions options_;
   TrackingRig rig_;
-  EventSink events_;
+  TrackerObserver* observer_;  // never null
   const ViewMaker* maker_;
   Localiser localiser_;
   Mapper mapper_;
@@ -118,11 +148,13 @@ class Odometry {
   std::optional<Starter> starter_;
   std::deque<SegmentState> segments_;
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
+  std::deque<ViewPtr> waiting_;  // for those before them to be gone through
   std::optional<Previous> previous_;
   LocalMap local_;
   int anchor_points_ = 0;       // of local_ seen by its key frame
   double anchor_distance_ = 0;  // median distance of these points from it
   int posed_ = 0;
+  int settled_before_ = 0;
   StageTiming detect_timing_, start_timing_, frame_timing_;
   double detected_ms_ = 0;  // during the present frame
 };

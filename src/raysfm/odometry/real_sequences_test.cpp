@@ -35,7 +35,7 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
 
   Rig rig = *input->calibration;
   if (sequence.mono) rig.cameras.resize(1);
-  Odometry odometry(rig, {}, {});
+  Odometry odometry(rig, {});
   const HarrisOptions corners{.max_features = 3000 / (1 + static_cast<int>(rig.cameras.size()))};
   FrameSetReader reader(input->streams);
   HarrisDetector detector;

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/result.h"
+#include "raysfm/image/pixels.h"
+#include "raysfm/odometry/observer.h"
+#include "raysfm/odometry/odometry.h"
+#include "raysfm/odometry/options.h"
+#include "raysfm/odometry/view_maker.h"
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+struct TrackerOptions {
+  OdometryOptions odometry;
+  // Of each camera, or none at all: 255 where a pixel sees the scene, in the size of the camera's image; an
+  // empty one says that all do. What the camera's model knows to be blind is left out anyway.
+  std::vector<GrayImage> masks;
+};
+
+// Poses of a calibrated rig, frame by frame (LBA09 2.7). Whoever has a camera pushes its images and has the
+// pose when push() returns. One thread calls; the work is done in these calls and nowhere else.
+//
+// Poses of frames from first_movable_frame() on may still move, as later frames improve the map; a rig whose
+// scale has to be measured may change the unit of length of a world as well, of which the observer hears.
+class Tracker {
+ public:
+  // The sizes of the cameras are known. `observer` may be null, and outlives the tracker. Errors: bad input,
+  // where an option is out of range, a mask has another size than its camera, or the error measure needs a
+  // camera that can project.
+  static Result<std::unique_ptr<Tracker>> create(Rig rig, TrackerOptions options,
+                                                 TrackerObserver* observer = nullptr);
+  Tracker(const Tracker&) = delete;
+  Tracker& operator=(const Tracker&) = delete;
+
+  // Images taken at one instant, element s for the cameras of stream s; they are copied. An empty one is an
+  // image that did not arrive: the frame has no pose then. `timestamp` in seconds, above that of the frame
+  // before. `name` is kept with the frame; empty: "frame-000012". Errors: bad input, and the frame does not
+  // count.
+  Result<FrameResult> push(std::span<const PixelView> images, double timestamp, std::string name = {});
+
+  // A view that maker() made, perhaps ahead of time on another thread; view->frame is frames(). Errors: those
+  // of create() that only images tell: poses of cameras that were given in the opposite direction.
+  Result<FrameResult> push(ViewPtr view);
+
+  // Turns pictures into views; any thread may use it.
+  const ViewMaker& maker() const { return maker_; }
+
+  int frames() const { return odometry_.frames(); }
+  int posed() const { return odometry_.posed(); }
+  // Frames before it keep their poses, but for finish() with a final adjustment.
+  int first_movable_frame() const { return odometry_.first_movable_frame(); }
+
+  // What is known now; changes nothing. Time and memory are those of a copy of the map.
+  Reconstruction snapshot() const { return odometry_.snapshot(); }
+  // No more frames will come: the last call. Adjusts everything when told so. Every frame has a pose or a
+  // reason.
+  Reconstruction finish(bool adjust_globally) { return odometry_.finish(adjust_globally); }
+
+  OdometryTimings timings() const { return odometry_.timings(); }
+  const TrackingRig& rig() const { return odometry_.rig(); }
+
+ private:
+  Tracker(Rig rig, std::vector<GrayImage> masks, const OdometryOptions& options, TrackerObserver* observer);
+  Result<void> check(std::span<const PixelView> images, double timestamp) const;
+
+  std::vector<GrayImage> masks_;
+  ViewMaker maker_;
+  Odometry odometry_;
+  int streams_ = 1;
+  std::optional<double> newest_;  // timestamp
+  bool checked_ = false;          // the directions of the extrinsics
+};
+
+}  // namespace raysfm
