@@ -1,6 +1,8 @@
 #include "raysfm/io/colmap_file.h"
 
+#include <algorithm>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -71,13 +73,15 @@ class WorldImages {
   std::vector<const KeyFrame*> keyframes_;
 };
 
-// Where each point is seen, and its mean error.
+// Where each point of a range is seen, and its mean error.
 class PointTracks {
  public:
-  explicit PointTracks(const WorldImages& images)
-      : first_(images.world().points.size() + 1, 0), errors_(first_.size() - 1) {
+  PointTracks(const WorldImages& images, size_t begin, size_t end)
+      : begin_(begin), end_(end), first_(end - begin + 1, 0), errors_(end - begin) {
     for (size_t i = 0; i < images.size(); ++i) {
-      images.for_each_keypoint(i, [&](const Observation& o) { ++first_[o.point + 1]; });
+      images.for_each_keypoint(i, [&](const Observation& o) {
+        if (contains(o.point)) ++first_[o.point - begin_ + 1];
+      });
     }
     std::partial_sum(first_.begin(), first_.end(), first_.begin());
     elements_.resize(first_.back());
@@ -85,13 +89,15 @@ class PointTracks {
     for (size_t i = 0; i < images.size(); ++i) add(images, i, &next);
   }
 
-  size_t length(size_t point) const { return first_[point + 1] - first_[point]; }
+  bool contains(size_t point) const { return begin_ <= point && point < end_; }
   // Of image and keypoint.
   std::span<const std::pair<uint32_t, uint32_t>> elements(size_t point) const {
-    return std::span(elements_).subspan(first_[point], length(point));
+    const size_t i = point - begin_;
+    return std::span(elements_).subspan(first_[i], first_[i + 1] - first_[i]);
   }
   double mean_error(size_t point) const {
-    return errors_[point].count > 0 ? errors_[point].sum / errors_[point].count : -1.0;
+    const Error& error = errors_[point - begin_];
+    return error.count > 0 ? error.sum / error.count : -1.0;
   }
 
  private:
@@ -105,15 +111,19 @@ class PointTracks {
     const Rigid3 cam_from_world = colmap_pose(image);
     uint32_t keypoint = 0;
     images.for_each_keypoint(i, [&](const Observation& o) {
-      elements_[(*next)[o.point]++] = {image.id, keypoint++};
+      const uint32_t number = keypoint++;
+      if (!contains(o.point)) return;
+      elements_[(*next)[o.point - begin_]++] = {image.id, number};
       Eigen::Vector2d pixel;
       const Eigen::Vector3d& position = images.world().points[o.point].position;
       if (!images.camera(i).project(cam_from_world * position, &pixel)) return;
-      errors_[o.point].sum += (pixel - o.pixel).norm();
-      ++errors_[o.point].count;
+      Error& error = errors_[o.point - begin_];
+      error.sum += (pixel - o.pixel).norm();
+      ++error.count;
     });
   }
 
+  size_t begin_, end_;
   std::vector<uint32_t> first_;  // element of each point
   std::vector<std::pair<uint32_t, uint32_t>> elements_;
   std::vector<Error> errors_;
@@ -145,18 +155,29 @@ Result<void> write_images(const WorldImages& images, const std::filesystem::path
   });
 }
 
-// The points that are seen.
+size_t count_seen(const WorldImages& images) {
+  std::vector<bool> seen(images.world().points.size(), false);
+  for (size_t i = 0; i < images.size(); ++i) {
+    images.for_each_keypoint(i, [&](const Observation& o) { seen[o.point] = true; });
+  }
+  return std::ranges::count(seen, true);
+}
+
+// The points that are seen, with the tracks of a part of them at a time.
 Result<void> write_points(const WorldImages& images, const std::filesystem::path& path) {
+  constexpr size_t kPointsAtATime = 1 << 16;
   const std::vector<MapPoint>& points = images.world().points;
-  const PointTracks tracks(images);
-  uint64_t seen = 0;
-  for (size_t p = 0; p < points.size(); ++p) seen += tracks.length(p) > 0;
+  std::optional<PointTracks> tracks;
   std::vector<ColmapTrackElement> elements;
-  return write_records(path, seen, points.size(), [&](size_t p, std::string* bytes) {
+  return write_records(path, count_seen(images), points.size(), [&](size_t p, std::string* bytes) {
+    if (!tracks || !tracks->contains(p)) {
+      tracks.reset();
+      tracks.emplace(images, p, std::min(p + kPointsAtATime, points.size()));
+    }
     elements.clear();
-    for (const auto& [image, keypoint] : tracks.elements(p)) elements.push_back({image, keypoint});
+    for (const auto& [image, keypoint] : tracks->elements(p)) elements.push_back({image, keypoint});
     if (elements.empty()) return;
-    append_colmap_point_bin({p + 1, points[p].position, points[p].rgb, tracks.mean_error(p)}, elements,
+    append_colmap_point_bin({p + 1, points[p].position, points[p].rgb, tracks->mean_error(p)}, elements,
                             bytes);
   });
 }

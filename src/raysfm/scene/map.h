@@ -28,8 +28,9 @@ struct Track {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world; meaningless until triangulated
   bool triangulated = false;
   std::array<uint8_t, 3> rgb = {128, 128, 128};
-  bool had_position = false;                // frames may refer to it even where it has none now
-  MapArray<TrackObservation> observations;  // ascending key frames, at most one in each of their cameras
+  bool had_position = false;  // frames may refer to it even where it has none now
+  // Ascending key frames, at most one in each of their cameras.
+  MapArray<TrackObservation> observations = {};
 };
 
 // A key frame of the map; the arrays run over its features.
