@@ -1,11 +1,13 @@
 #include "raysfm/odometry/mapper.h"
 
 #include <algorithm>
+#include <array>
 #include <tuple>
 
 #include "raysfm/bundle/local_bundle.h"
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
+#include "raysfm/odometry/surfaces.h"
 
 namespace raysfm {
 namespace {
@@ -143,7 +145,18 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     complete_keyframe(view, keyframe, map, views);
   }
   adjust_locally(map);
+  refit_surfaces(*map, views);
   if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) measure_scale(map);
+}
+
+// Those of the newest key frame, and again of what has become better known since.
+void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
+  constexpr std::array kAges = {0, 2, 8};  // key frames
+  ScopedTimer timer(keyframe_timing);
+  const int newest = static_cast<int>(views->size()) - 1;
+  for (const int age : kAges) {
+    if (age <= newest) fit_surfaces(rig_, map, newest - age, &(*views)[newest - age]);
+  }
 }
 
 void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,

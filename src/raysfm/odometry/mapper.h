@@ -58,6 +58,7 @@ class Mapper {
   void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
   bool triangulate_track(const Map& map, const Track& track, Triangulation* result);
+  void refit_surfaces(const Map& map, std::vector<KeyFrameView>* views);
   void choose_window(const Map& map, int first_observed);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
