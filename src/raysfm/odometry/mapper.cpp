@@ -227,7 +227,6 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
       return predict_patch(rig_, views[anchor], f, d, camera, target_from_anchor, view.cameras[camera], q);
     };
     if (!(distance > 0) || !predict(distance, &query)) continue;
-    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
     PatchQuery nearer, farther;
     query.radius = max_radius;
     if (predict(0.5 * distance, &nearer) && predict(5.0 * distance, &farther)) {
@@ -242,7 +241,8 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   std::vector<PatchQuery> matched;
   starts_.clear();
   for (const GuidedMatch& m : matches_) {
-    matched.push_back(queries_[m.query]);
+    PatchQuery& query = matched.emplace_back(queries_[m.query]);
+    bend_patch(rig_, views[anchor], prior.at(from.pixels[query.feature]), target_from_anchor, &query);
     starts_.push_back(m.pixel);
   }
   matcher_.align(views, matched, starts_, view, {}, &alignments_);
