@@ -77,7 +77,7 @@ std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFr
   keep(kept, &view->octaves);
   keep(kept, &view->origins);
   keep(kept, &view->directions);
-  keep(kept, &view->ray_jacobians);
+  keep(kept, &view->point_jacobians);
   keep(kept, &view->patches);
   return moved_to;
 }

@@ -69,7 +69,7 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
   if (!rig.see(target, point_in_target, &pixel, &projection)) return false;
   const Eigen::Matrix2d target_from_patch =
       projection *
-      (target_from_source.rotation.toRotationMatrix() * keyframe.ray_jacobians[feature].cast<double>()) *
+      (target_from_source.rotation.toRotationMatrix() * keyframe.point_jacobians[feature].cast<double>()) *
       distance;
   // In pixels of the patch's octave and of the target's.
   const double area = target_from_patch.determinant();
@@ -93,16 +93,21 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
   const Eigen::Vector2d pixel = keyframe.pixels[query->feature].cast<double>();
   // Offsets of the patch that a circle of the target's octave comes from.
   const Eigen::Matrix2d offsets = std::sqrt(kPatchMoment) * query->keyframe_from_target.cast<double>();
+  const Eigen::Matrix<double, 3, 2> surface = keyframe.point_jacobians[query->feature].cast<double>();
+  const Eigen::Vector3d point = point_on_ray(keyframe, query->feature, distance);
+  const Eigen::Vector3d normal = surface.col(0).cross(surface.col(1));
   Eigen::Vector2d centre, bend = Eigen::Vector2d::Zero();
-  const Eigen::Vector3d point = target_from_source * point_on_ray(keyframe, query->feature, distance);
-  if (!rig.find(query->camera, point, &centre)) return;
+  if (!rig.find(query->camera, target_from_source * point, &centre)) return;
   for (const double side : {-1.0, 1.0}) {
     for (int axis = 0; axis < 2; ++axis) {
       Ray ray;
       Eigen::Vector2d seen;
       if (!camera.ray(pixel + side * offsets.col(axis), &ray)) return;
-      if (!rig.find(query->camera, target_from_source * (ray.origin + distance * ray.direction), &seen))
+      const double there = normal.dot(point - ray.origin) / normal.dot(ray.direction);
+      if (!(there > 0) ||
+          !rig.find(query->camera, target_from_source * (ray.origin + there * ray.direction), &seen)) {
         return;
+      }
       bend += 0.5 * (seen - centre);
     }
   }

@@ -162,7 +162,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                        cam_from_world * position, view.cameras[camera], &query)) {
       continue;
     }
-    bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);
+    if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned
     queries_.push_back(query);
   }
 }

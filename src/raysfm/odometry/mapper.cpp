@@ -1,11 +1,13 @@
 #include "raysfm/odometry/mapper.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <tuple>
 
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
+#include "raysfm/odometry/surfaces.h"
 
 namespace raysfm {
 namespace {
@@ -165,7 +167,18 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     complete_keyframe(view, keyframe, map, views);
   }
   adjust_locally(map);
+  refit_surfaces(*map, views);
   if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) measure_scale(map);
+}
+
+// Those of the newest key frame, and again of what has become better known since.
+void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
+  constexpr std::array kAges = {0, 2, 8};  // key frames
+  ScopedTimer timer(keyframe_timing);
+  const int newest = static_cast<int>(views->size()) - 1;
+  for (const int age : kAges) {
+    if (age <= newest) fit_surfaces(rig_, map, newest - age, &(*views)[newest - age]);
+  }
 }
 
 void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
@@ -236,7 +249,6 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
                                           view.cameras[camera], &query)) {
       continue;
     }
-    bend_patch(rig_, views[anchor], distance, target_from_anchor, &query);
     const float slack = kSearchSlack * octave_side(query.octave);
     const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);
     query.radius = std::min(max_radius, slack + reach);
@@ -247,7 +259,8 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   std::vector<PatchQuery> matched;
   starts_.clear();
   for (const GuidedMatch& m : matches_) {
-    matched.push_back(queries_[m.query]);
+    PatchQuery& query = matched.emplace_back(queries_[m.query]);
+    bend_patch(rig_, views[anchor], prior.at(from.pixels[query.feature]), target_from_anchor, &query);
     starts_.push_back(m.pixel);
   }
   matcher_.align(views, matched, starts_, view, {}, &alignments_);

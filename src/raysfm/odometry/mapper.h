@@ -59,6 +59,7 @@ class Mapper {
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
   float gather_rays(const Map& map, const Track& track);
   bool triangulate_track(const Map& map, Track* track);
+  void refit_surfaces(const Map& map, std::vector<KeyFrameView>* views);
   void choose_window(const Map& map, int first_observed);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "raysfm/core/median.h"
+#include "raysfm/odometry/surfaces.h"
 
 namespace raysfm {
 namespace {
@@ -377,6 +378,7 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
   }
   for (int v = 0; v < 3; ++v)
     start.views.push_back(make_keyframe_view(views_[views[v]].view, map.keyframes[v], rig_));
+  fit_surfaces(rig_, map, 0, start.views.data());
   refine_pixels({views_[views[0]].view, views_[views[1]].view, views_[views[2]].view}, &start);
   mapper.adjust_globally(&map);
   const int points = static_cast<int>(
@@ -428,6 +430,19 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   }
   start->views = std::move(completed);
   mapper.adjust_globally(&map);
+  if (!rig_.central()) refine_on_surfaces(views, start, mapper);
+}
+
+// Once more, now that many points tell which way the surfaces face.
+void Starter::refine_on_surfaces(const std::array<int, 3>& views, Start* start, Mapper& mapper) {
+  Map& map = start->map;
+  for (int v = 0; v < 3; ++v) fit_surfaces(rig_, map, v, &start->views[v]);
+  refine_pixels({views_[views[0]].view, views_[views[1]].view, views_[views[2]].view}, start);
+  mapper.adjust_globally(&map);
+  for (int v = 0; v < 3; ++v) {
+    start->views[v] = make_keyframe_view(start->views[v].view, map.keyframes[v], rig_);
+    fit_surfaces(rig_, map, v, &start->views[v]);
+  }
 }
 
 // With the geometry known the patches of the first view can be shaped as the others see them, and the corners
@@ -442,18 +457,22 @@ void Starter::refine_pixels(const std::array<ViewPtr, 3>& views, Start* start) {
     queries.clear();
     starts.clear();
     for (int f = 0; f < keyframe.size(); ++f) {
+      if (keyframe.tracks[f] < 0) continue;
       const Track& track = map.tracks[keyframe.tracks[f]];
-      const int camera = keyframe.cameras[f], feature = track.observations[0].feature;
-      const Rigid3 world_from_first =
-          map.keyframes[0].rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
+      const TrackObservation first = track.observations[0];
+      if (!track.triangulated || first.keyframe >= v) continue;
+      const KeyFrameView& source = start->views[first.keyframe];
+      const int camera = keyframe.cameras[f];
+      const Rigid3 world_from_first = map.keyframes[first.keyframe].rig_from_world.inverse() *
+                                      rig_.camera(source.cameras[first.feature]).rig_from_cam;
       const Rigid3 target_from_first = rig_.cam_from_rig(camera) * keyframe.rig_from_world * world_from_first;
-      PatchQuery query{.keyframe = 0, .feature = feature, .track = f};
+      PatchQuery query{.keyframe = first.keyframe, .feature = first.feature, .track = f};
       const double distance = (track.position - world_from_first.translation).norm();
-      if (!predict_patch(rig_, start->views[0], feature, distance, camera, target_from_first,
+      if (!predict_patch(rig_, source, first.feature, distance, camera, target_from_first,
                          views[v]->cameras[camera], &query)) {
         continue;
       }
-      bend_patch(rig_, start->views[0], distance, target_from_first, &query);
+      bend_patch(rig_, source, distance, target_from_first, &query);
       queries.push_back(query);
       starts.push_back(keyframe.pixels[f]);
     }

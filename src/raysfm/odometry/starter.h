@@ -87,6 +87,7 @@ class Starter {
   void collect_seen(const std::vector<Match>& match_of_track, Start* start) const;
   std::vector<SeenCorner> seen_corners(int k, int most) const;
   void add_points(const std::array<int, 3>& views, Start* start, Mapper& mapper);
+  void refine_on_surfaces(const std::array<int, 3>& views, Start* start, Mapper& mapper);
   void refine_pixels(const std::array<ViewPtr, 3>& views, Start* start);
   void restart(int first);
   void fail(int matches, std::string reason);

@@ -175,7 +175,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   out.octaves.assign(keyframe.octaves.begin(), keyframe.octaves.end());
   out.origins.resize(keyframe.size());
   out.directions.resize(keyframe.size());
-  out.ray_jacobians.resize(keyframe.size());
+  out.point_jacobians.resize(keyframe.size());
   for (int i = 0; i < keyframe.size(); ++i) {
     const Camera& camera = rig.camera(keyframe.cameras[i]);
     const Eigen::Vector2d pixel = keyframe.pixels[i].cast<double>();
@@ -187,7 +187,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
     if (!seen) jacobian.setZero();
     out.origins[i] = ray.origin.cast<float>();
     out.directions[i] = ray.direction.cast<float>();
-    out.ray_jacobians[i] = jacobian.cast<float>();
+    out.point_jacobians[i] = jacobian.cast<float>();
   }
   extract_keyframe_patches(&out);
   return out;

@@ -92,8 +92,10 @@ struct KeyFrameView {
   std::vector<Eigen::Vector2f> pixels;
   std::vector<uint8_t> octaves;  // of the patches
   PatchSet patches;
-  std::vector<Eigen::Vector3f> origins, directions;       // of the rays, in their camera's frame
-  std::vector<Eigen::Matrix<float, 3, 2>> ray_jacobians;  // d direction / d pixel; zero where there is none
+  std::vector<Eigen::Vector3f> origins, directions;  // of the rays, in their camera's frame
+  // d point / d pixel over its distance, on the surface about it: d direction / d pixel while nothing is
+  // known of that (see fit_surfaces()). Zero where there is none.
+  std::vector<Eigen::Matrix<float, 3, 2>> point_jacobians;
 
   const CameraView& camera_view(int feature) const { return view->cameras[cameras[feature]]; }
 };

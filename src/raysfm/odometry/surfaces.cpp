@@ -1,0 +1,119 @@
+#include "raysfm/odometry/surfaces.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+
+#include "raysfm/geometry/ray.h"
+
+namespace raysfm {
+namespace {
+
+// Part of the image's width, and neighbours at most. 0.05 to 0.1 and 6 to 16 do about as well.
+constexpr float kNeighbourhood = 0.06f;
+constexpr int kMostNeighbours = 10;
+// Relative, of inverse depths: by how much points of one surface are off its plane. Tried from 0.02 to 0.15;
+// the scale of a mirror camera is best up to 0.05.
+constexpr double kOffPlane = 0.04;
+constexpr double kSlope = 1;  // standard deviation of a surface's slope before anything is seen of it
+constexpr int kRounds = 4;
+constexpr double kNearest = 0.1;  // of the point's depth; what is nearer is on another surface
+
+// What a camera of a key frame sees that has a position.
+struct SeenPoints {
+  std::vector<int> features;
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<Eigen::Vector3d> points;  // in the camera's frame
+  FeatureGrid grid;
+
+  SeenPoints(const TrackingRig& rig, const Map& map, const MapKeyFrame& keyframe, int camera) {
+    const Rigid3 cam_from_world = rig.cam_from_rig(camera) * keyframe.rig_from_world;
+    for (int f = 0; f < keyframe.size(); ++f) {
+      const int track = keyframe.tracks[f];
+      if (keyframe.cameras[f] != camera || track < 0 || !keyframe.inliers[f]) continue;
+      if (!map.tracks[track].triangulated) continue;
+      features.push_back(f);
+      pixels.push_back(keyframe.pixels[f]);
+      points.push_back(cam_from_world * map.tracks[track].position);
+    }
+    grid.build(pixels, rig.camera(camera).width, rig.camera(camera).height);
+  }
+};
+
+// A point near that of a feature as the feature's ray sees it: place in the plane across the ray at unit
+// depth, and inverse depth over that of the feature, less 1.
+struct Neighbour {
+  Eigen::Vector2d place;
+  double nearer;
+};
+
+class SurfaceFit {
+ public:
+  SurfaceFit(const SeenPoints& seen, float radius) : seen_(seen), radius_(radius) {}
+
+  // Turns the surface about a point into its plane.
+  void turn(int point, const Ray& ray, Eigen::Matrix<float, 3, 2>* jacobian) {
+    const Eigen::Matrix<double, 2, 3> tangents = tangent_rows(ray.direction);
+    collect(point, ray, tangents);
+    const Eigen::Matrix2d across = tangents * jacobian->cast<double>();
+    const Eigen::Matrix<double, 3, 2> facing = tangents.transpose() * across;
+    *jacobian = (facing - ray.direction * (slope().transpose() * across)).cast<float>();
+  }
+
+ private:
+  void collect(int point, const Ray& ray, const Eigen::Matrix<double, 2, 3>& tangents) {
+    near_.clear();
+    const Eigen::Vector2f pixel = seen_.pixels[point];
+    seen_.grid.for_each_in(pixel, radius_, [&](int j) {
+      if (j != point) near_.push_back({(seen_.pixels[j] - pixel).squaredNorm(), j});
+    });
+    const size_t count = std::min<size_t>(near_.size(), kMostNeighbours);
+    std::partial_sort(near_.begin(), near_.begin() + static_cast<ptrdiff_t>(count), near_.end());
+    neighbours_.clear();
+    const double depth = ray.direction.dot(seen_.points[point] - ray.origin);
+    for (size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3d offset = seen_.points[near_[i].second] - ray.origin;
+      const double along = ray.direction.dot(offset);
+      if (along > kNearest * depth) neighbours_.push_back({tangents * offset / along, depth / along - 1});
+    }
+  }
+
+  // nearer = slope . place on the plane, by least squares that neighbours on other surfaces hardly enter.
+  Eigen::Vector2d slope() const {
+    Eigen::Vector2d slope(0, 0);
+    for (int round = 0; round < kRounds; ++round) {
+      Eigen::Matrix2d normal = (kOffPlane * kOffPlane / (kSlope * kSlope)) * Eigen::Matrix2d::Identity();
+      Eigen::Vector2d right(0, 0);
+      const double scale = round == 0 ? 4 * kOffPlane : kOffPlane;
+      for (const Neighbour& n : neighbours_) {
+        const double off = (n.nearer - slope.dot(n.place)) / scale;
+        const double weight = 1 / (1 + off * off);
+        normal += weight * n.place * n.place.transpose();
+        right += weight * n.nearer * n.place;
+      }
+      slope = normal.inverse() * right;
+    }
+    return slope;
+  }
+
+  const SeenPoints& seen_;
+  float radius_;
+  std::vector<std::pair<float, int>> near_;  // squared distance in the image, point
+  std::vector<Neighbour> neighbours_;
+};
+
+}  // namespace
+
+void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, KeyFrameView* view) {
+  if (rig.central()) return;
+  for (int c = 0; c < rig.size(); ++c) {
+    const SeenPoints seen(rig, map, map.keyframes[keyframe], c);
+    SurfaceFit fit(seen, kNeighbourhood * static_cast<float>(rig.camera(c).width));
+    for (int i = 0; i < static_cast<int>(seen.features.size()); ++i) {
+      const int f = seen.features[i];
+      fit.turn(i, {view->origins[f].cast<double>(), view->directions[f].cast<double>()},
+               &view->point_jacobians[f]);
+    }
+  }
+}
+
+}  // namespace raysfm
