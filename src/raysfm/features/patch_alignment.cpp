@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "raysfm/features/patch_window.h"
 
@@ -182,18 +183,36 @@ HWY_INLINE Correlation correlate(const Template& t, const PixelBlock& block, flo
           value, sums[4] - one * one / kCount};
 }
 
+// Steps shrink by about the same factor each time: the sum of those to come, and how long the next one would
+// be, are told by two. Nothing is made of factors that are no convergence.
+struct Outlook {
+  Eigen::Vector2f rest = Eigen::Vector2f::Zero();
+  float next2 = std::numeric_limits<float>::infinity();  // squared length
+};
+HWY_INLINE Outlook look_ahead(const Eigen::Vector2f& before, const Eigen::Vector2f& step) {
+  constexpr float kMaxFactor = 0.6f;
+  const float factor = before.dot(step) / before.squaredNorm();
+  if (!(std::abs(factor) < kMaxFactor)) return {};
+  return {factor / (1 - factor) * step, factor * factor * step.squaredNorm()};
+}
+
+HWY_INLINE bool inside(const GrayView& target, float u, float v) {
+  return u >= kRadius && v >= kRadius && u < static_cast<float>(target.width - kRadius - 1) &&
+         v < static_cast<float>(target.height - kRadius - 1);
+}
+
 PatchAlignment align_patch(const GrayView& reference, const AffineWindow& window, const GrayView& target,
                            const Eigen::Vector2f& initial, const PatchAlignmentOptions& options) {
   PatchAlignment result{initial, 0, false};
   Template t;
+  if (!inside(target, std::floor(initial.x()), std::floor(initial.y()))) return result;
   if (!make_template(reference, window, &t)) return result;
   BlockBuffer<kSide + 1> buffer;
-  Eigen::Vector2f p = initial;
+  Eigen::Vector2f p = initial, before = Eigen::Vector2f::Zero();
+  const float stop2 = options.stop_px * options.stop_px;
   for (int iteration = 0; iteration < options.max_iterations; ++iteration) {
     const float u = std::floor(p.x()), v = std::floor(p.y());
-    const bool inside = u >= kRadius && v >= kRadius && u < static_cast<float>(target.width - kRadius - 1) &&
-                        v < static_cast<float>(target.height - kRadius - 1);
-    if (!inside) return result;
+    if (!inside(target, u, v)) return result;
     const PixelBlock block = readable_block<kSide + 1>(target, static_cast<int>(u) - kRadius,
                                                        static_cast<int>(v) - kRadius, kSide + 1, &buffer);
     const Correlation s = correlate(t, block, p.x() - u, p.y() - v);
@@ -202,9 +221,12 @@ PatchAlignment align_patch(const GrayView& reference, const AffineWindow& window
     if (!(gain > 0 && s.variance > 0)) return result;
     result.zncc = std::min(1.0f, s.value / std::sqrt(t.norm2 * s.variance));
     const Eigen::Vector2f step(-(t.hxx * s.dx + t.hxy * s.dy) / gain, -(t.hxy * s.dx + t.hyy * s.dy) / gain);
-    p += step;
+    // Every second step: the one after a leap is no continuation of the one before.
+    const Outlook outlook = iteration % 2 == 1 ? look_ahead(before, step) : Outlook{};
+    before = step;
+    p += step + outlook.rest;
     if (!((p - initial).squaredNorm() <= options.max_shift_px * options.max_shift_px)) return result;
-    if (step.squaredNorm() > options.stop_px * options.stop_px) continue;
+    if (step.squaredNorm() > stop2 && outlook.next2 > stop2) continue;
     if (result.zncc < options.min_zncc) return result;
     result.pixel = p;
     result.converged = true;

@@ -19,6 +19,7 @@ constexpr int kMinInliers = 20;
 constexpr int kFirstPoints = 150, kCoarser = 2;
 constexpr PatchAlignmentOptions kFirstAlignment{
     .max_iterations = 10, .stop_px = 0.1f, .max_shift_px = 5, .min_zncc = kMinPoseZncc};
+constexpr PatchAlignmentOptions kAlignment{.min_zncc = kMinPoseZncc};
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
 int max_local_points(const TrackingRig& rig) {
@@ -238,15 +239,45 @@ void Localiser::align_some(int coarser, const Map& map, std::span<const KeyFrame
   }
 }
 
+// Sub-pixel places of the queries that were not found before.
+void Localiser::align_open_queries(std::span<const KeyFrameView> views, const View& view,
+                                   std::span<const PointMatch> found) {
+  const auto key = [](const TrackPixel& m) { return std::pair(m.track, m.camera); };
+  known_.assign(found.begin(), found.end());
+  std::ranges::sort(known_, {}, key);
+  alignments_.resize(queries_.size());
+  open_.clear();
+  open_queries_.clear();
+  starts_.clear();
+  for (size_t i = 0; i < queries_.size(); ++i) {
+    const PatchQuery& q = queries_[i];
+    const std::pair wanted(q.track, static_cast<uint8_t>(q.camera));
+    const auto at = std::ranges::lower_bound(known_, wanted, {}, key);
+    if (at != known_.end() && key(*at) == wanted) {
+      alignments_[i] = {{at->pixel, 1, true}, at->octave};
+      continue;
+    }
+    open_.push_back(static_cast<int>(i));
+    open_queries_.push_back(q);
+    starts_.push_back(q.predicted);
+  }
+  matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_);
+  for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
+}
+
 // Sub-pixel places of all visible points about a first pose, and the pose that they give.
 bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                      const View& view) {
+                      const View& view, std::span<const PointMatch> found) {
   {
     ScopedTimer timer(align_timing);
     predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
-    starts_.clear();
-    for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
-    matcher_.align(views, queries_, starts_, view, {.min_zncc = kMinPoseZncc}, &alignments_);
+    if (found.empty()) {
+      starts_.clear();
+      for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
+      matcher_.align(views, queries_, starts_, view, kAlignment, &alignments_);
+    } else {
+      align_open_queries(views, view, found);
+    }
     aligned_.clear();
     aligned_point_.clear();
     clear_observations();
@@ -312,8 +343,9 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
 }
 
 Localisation Localiser::follow(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                               const View& view, Rigid3 rig_from_world, Prediction prediction) {
-  for (int coarser = prediction == Prediction::kExact ? 0 : kCoarser; coarser >= 0; coarser -= kCoarser) {
+                               const View& view, const Rigid3& predicted) {
+  Rigid3 rig_from_world = predicted;
+  for (const int coarser : {kCoarser, 0}) {
     {
       ScopedTimer timer(match_timing);
       align_some(coarser, map, views, local, view, rig_from_world);
@@ -324,10 +356,22 @@ Localisation Localiser::follow(const Map& map, std::span<const KeyFrameView> vie
   return align_all(map, views, local, view);
 }
 
+Localisation Localiser::follow_again(const Map& map, std::span<const KeyFrameView> views,
+                                     const LocalMap& local, const View& view, const Rigid3& predicted,
+                                     std::span<const PointMatch> found) {
+  clear_observations();
+  for (const PointMatch& m : found) {
+    if (map.tracks[m.track].triangulated) add_observation(map, m);
+  }
+  estimate_.rig_from_world = predicted;
+  if (!refine_estimate()) return {};
+  return align_all(map, views, local, view, found);
+}
+
 Localisation Localiser::align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                                  const View& view) {
+                                  const View& view, std::span<const PointMatch> found) {
   Localisation out;
-  out.ok = align(map, views, local, view);
+  out.ok = align(map, views, local, view, found);
   count(local, out.ok, &out);
   if (!out.ok) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),

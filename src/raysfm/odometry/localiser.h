@@ -58,9 +58,6 @@ struct SearchRange {
       0;  // of the local map that are matched with corners, about; the others wait for the pose
 };
 
-// How good the prediction of a pose is: within some pixels of octaves above the first, or of the first.
-enum class Prediction { kCoarse, kExact };
-
 // Pose of a frame against the map, or why there is none.
 struct Localisation {
   bool ok = false;
@@ -88,7 +85,13 @@ class Localiser {
   // The same without corners, for a view that is near its prediction: patches of some points are aligned for
   // a first pose.
   Localisation follow(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                      const View& view, Rigid3 predicted_rig_from_world, Prediction prediction);
+                      const View& view, const Rigid3& predicted_rig_from_world);
+
+  // The same for a view that was localised before the map changed. What was found in it is not looked for
+  // again, and tells the first pose.
+  Localisation follow_again(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
+                            const View& view, const Rigid3& predicted_rig_from_world,
+                            std::span<const PointMatch> found);
 
   // Pose from matches that are corners still, with outliers among them; none where they do not determine it.
   // Says nothing of visible points.
@@ -113,8 +116,11 @@ class Localiser {
   void align_some(int coarser, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                   const View& view, const Rigid3& rig_from_world);
   Localisation align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                         const View& view);
-  bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view);
+                         const View& view, std::span<const PointMatch> found = {});
+  bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view,
+             std::span<const PointMatch> found);
+  void align_open_queries(std::span<const KeyFrameView> views, const View& view,
+                          std::span<const PointMatch> found);
   void count(const LocalMap& local, bool aligned, Localisation* out);
   bool refine_estimate();
 
@@ -126,7 +132,11 @@ class Localiser {
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> corners_;
   std::vector<Eigen::Vector2f> starts_;
-  std::vector<AlignedPatch> alignments_;
+  std::vector<AlignedPatch> alignments_;  // by query
+  std::vector<TrackPixel> known_;         // places found before, by track and camera
+  std::vector<PatchQuery> open_queries_;  // those without
+  std::vector<int> open_;                 // their indices
+  std::vector<AlignedPatch> open_alignments_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2d> pixels_;
   std::vector<int> cameras_;

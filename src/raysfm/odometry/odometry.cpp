@@ -331,8 +331,7 @@ Rigid3 Odometry::moved_on(const View& view) const {
 
 // Most frames are where their predecessors lead and need no corners.
 Localisation Odometry::localise(ViewPtr* view) {
-  Localisation pose = localiser_.follow(segment().map, segment().views, local_, **view, moved_on(**view),
-                                        Prediction::kCoarse);
+  Localisation pose = localiser_.follow(segment().map, segment().views, local_, **view, moved_on(**view));
   if (convincing(pose)) return pose;
   *view = detected(*view);
   return search(**view);
@@ -374,7 +373,7 @@ void Odometry::track(ViewPtr view) {
       step.translation *= promote(previous_->view, previous_->pose);
       previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
       const Rigid3 predicted = step * previous_->pose.rig_from_world;
-      pose = localiser_.follow(segment().map, segment().views, local_, *view, predicted, Prediction::kExact);
+      pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
       if (!convincing(pose)) pose = localise(&view);
       if (!believable(pose)) {
         lose(view, "the new key frame does not see what the frame sees");
