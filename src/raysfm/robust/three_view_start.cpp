@@ -250,8 +250,12 @@ void polish(const ThreeViewBearings& bearings, double max_error, std::vector<int
   }
 }
 
+double enough_inliers(int matches, const ThreeViewOptions& options) {
+  return std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
+}
+
 StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewOptions& options) {
-  const double enough = std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
+  const double enough = enough_inliers(matches, options);
   const bool rotation = start.rotation_inliers >= enough &&
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
@@ -283,9 +287,8 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
                              .confidence = options.confidence,
                              .seed = options.seed,
                              .stream = options.stream};
-  RotationRansac rotations(bearings0, bearings2, options.max_error);
-  Matrix3d rotation = Matrix3d::Identity();
-  start.rotation_inliers = ransac(rotations, search, &rotation).score.inliers;
+  start.rotation_inliers =
+      rotation_inliers(bearings0, bearings2, options.max_error, enough_inliers(count, options), search);
 
   MotionRansac motions(bearings, options.max_error);
   ThreeViewMotion motion;
