@@ -170,8 +170,12 @@ void polish(const RigTable& table, const GenericStartOptions& options, std::vect
   for (Vector3d& point : start->points_in_rig0) point += c;
 }
 
+double enough_inliers(int points, const GenericStartOptions& options) {
+  return std::max<double>(options.min_inliers, options.min_inlier_ratio * points);
+}
+
 StartProblem diagnose(const GenericStart& start, int matches, const GenericStartOptions& options) {
-  const double enough = std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
+  const double enough = enough_inliers(matches, options);
   const bool rotation = start.rotation_inliers >= enough &&
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
@@ -248,15 +252,13 @@ void start_from_motion(const RigTable& table, const GenericStartOptions& options
   if (!(start->median_displacement >= options.min_displacement)) return;
   const std::vector<Vector3d> directions0 = primary_directions(table, 0),
                               directions2 = primary_directions(table, 2);
-  RotationRansac rotations(directions0, directions2, error_in_radians(table, options.max_error));
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-  start->rotation_inliers = ransac(rotations,
-                                   {.max_iterations = options.max_iterations,
-                                    .confidence = options.confidence,
-                                    .seed = options.seed,
-                                    .stream = options.stream},
-                                   &rotation)
-                                .score.inliers;
+  start->rotation_inliers =
+      rotation_inliers(directions0, directions2, error_in_radians(table, options.max_error),
+                       enough_inliers(table.size(), options),
+                       {.max_iterations = options.max_iterations,
+                        .confidence = options.confidence,
+                        .seed = options.seed,
+                        .stream = options.stream});
   if (start->method == GenericStartMethod::kSeventeenPoint) {
     search(SeventeenPointRansac(table, options.max_error, start->ray_class), table, options, start);
   } else {

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <cmath>
 
 namespace raysfm {
 
@@ -56,6 +57,17 @@ void RotationRansac::refine(Matrix3d* rotation) const {
     sum += bearings2_[i] * bearings0_[i].transpose();
   }
   kabsch(sum, rotation);
+}
+
+int rotation_inliers(std::span<const Vector3d> bearings0, std::span<const Vector3d> bearings2,
+                     double max_error, double least, RansacOptions options) {
+  RotationRansac rotations(bearings0, bearings2, max_error);
+  const double needed = ransac_iterations_needed(std::min(1.0, least / rotations.size()),
+                                                 RotationRansac::kSampleSize, options.confidence);
+  options.max_iterations = std::max(
+      options.min_iterations, static_cast<int>(std::min(std::ceil(needed), 1.0 * options.max_iterations)));
+  Matrix3d rotation = Matrix3d::Identity();
+  return ransac(rotations, options, &rotation).score.inliers;
 }
 
 }  // namespace raysfm

@@ -35,4 +35,9 @@ class RotationRansac {
   double max_error2_;
 };
 
+// How many matches a rotation explains, where it explains `least` or more; else as many as a search for such
+// a one comes upon.
+int rotation_inliers(std::span<const Eigen::Vector3d> bearings0, std::span<const Eigen::Vector3d> bearings2,
+                     double max_error, double least, RansacOptions options);
+
 }  // namespace raysfm

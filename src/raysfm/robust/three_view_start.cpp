@@ -233,25 +233,30 @@ ThreeViewMotion best_of_two(const ThreeViewBearings& bearings, std::span<const i
   return other < cost ? rival : motion;
 }
 
-// Both refinements of the search's best motion: on its inliers, then on those of the first.
-void polish(const ThreeViewBearings& bearings, double max_error, std::vector<int> inliers,
-            ThreeViewMotion motion, ThreeViewStart* start) {
-  constexpr int kRounds = 2, kIterations = 15;
-  ThreeViewRefiner refiner;
-  for (int round = 0; round < kRounds; ++round) {
-    refiner.refine(bearings, inliers, kIterations, &motion);
+// Takes a motion that was refined on the inliers of the search, and refines it once more on its own.
+void polish(const ThreeViewBearings& bearings, double max_error, ThreeViewMotion motion,
+            ThreeViewStart* start) {
+  constexpr int kIterations = 15;
+  const auto take = [&] {
     start->cam1_from_cam0 = motion.cam1_from_cam0;
     start->cam2_from_cam0 = motion.cam2_from_cam0;
     map_points(bearings, max_error, start);
-    inliers.clear();
-    for (int i = 0; i < bearings.size(); ++i) {
-      if (start->inlier[i]) inliers.push_back(i);
-    }
+  };
+  take();
+  std::vector<int> inliers;
+  for (int i = 0; i < bearings.size(); ++i) {
+    if (start->inlier[i]) inliers.push_back(i);
   }
+  ThreeViewRefiner().refine(bearings, inliers, kIterations, &motion);
+  take();
+}
+
+double enough_inliers(int matches, const ThreeViewOptions& options) {
+  return std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
 }
 
 StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewOptions& options) {
-  const double enough = std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
+  const double enough = enough_inliers(matches, options);
   const bool rotation = start.rotation_inliers >= enough &&
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
@@ -283,9 +288,8 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
                              .confidence = options.confidence,
                              .seed = options.seed,
                              .stream = options.stream};
-  RotationRansac rotations(bearings0, bearings2, options.max_error);
-  Matrix3d rotation = Matrix3d::Identity();
-  start.rotation_inliers = ransac(rotations, search, &rotation).score.inliers;
+  start.rotation_inliers =
+      rotation_inliers(bearings0, bearings2, options.max_error, enough_inliers(count, options), search);
 
   MotionRansac motions(bearings, options.max_error);
   ThreeViewMotion motion;
@@ -297,7 +301,7 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
     if (inliers.size() >= 5) {
       motion = best_of_two(bearings, inliers, motions, motion, &start.rival_cost);
     }
-    polish(bearings, options.max_error, std::move(inliers), motion, &start);
+    polish(bearings, options.max_error, motion, &start);
   }
   start.problem = diagnose(start, count, options);
   return start;
