@@ -266,6 +266,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
       continue;
     }
     record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
+    observer_->keyframe_added({views[i].frame, static_cast<int>(segments_.size()) - 1, next});
     local = make_local_map(map, segment().views, rig_, next, kReach);
     ++next;
   }

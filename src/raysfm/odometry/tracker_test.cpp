@@ -75,16 +75,19 @@ void expect_same(const Reconstruction& a, const Reconstruction& b) {
 }
 
 TEST(Tracker, GivesTheSameAsViewsThatAreMadeByHand) {
-  Odometry odometry(Rig{{small_camera()}}, {});
-  const std::unique_ptr<Tracker> tracker = make_tracker();
+  OdometryOptions options;
+  options.features = 600;  // as in as_view()
+  Odometry odometry(Rig{{small_camera()}}, options);
+  const auto tracker = Tracker::create(Rig{{small_camera()}}, {options, {}});
+  ASSERT_TRUE(tracker);
   for (int i = 0; i < corridor().size(); ++i) {
-    odometry.process(corridor().view(i, i));
-    push(*tracker, corridor().images[i], i);
+    const ViewPtr view = corridor().view(i, i);
+    odometry.process(view);
+    push(**tracker, corridor().images[i], view->timestamp);
   }
-  EXPECT_EQ(tracker->frames(), corridor().size());
-  EXPECT_EQ(tracker->posed(), corridor().size());
-  Reconstruction by_hand = odometry.finish(false);
-  expect_same(by_hand, tracker->finish(false));
+  EXPECT_EQ((*tracker)->frames(), corridor().size());
+  EXPECT_EQ((*tracker)->posed(), corridor().size());
+  expect_same(odometry.finish(false), (*tracker)->finish(false));
 }
 
 TEST(Tracker, TellsThePoseOfAFrameAtOnce) {
