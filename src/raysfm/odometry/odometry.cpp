@@ -426,8 +426,9 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   observer_->keyframe_added({view->frame, world, keyframe});
   forget_old_views();
   const int first_moved = settled_before_;
-  if (keyframe >= options_.global_until) {
-    settle_until(segment().map.keyframes[keyframe - options_.window + 1].frame);
+  const int settled = keyframe - options_.window;
+  if (keyframe >= options_.global_until && settled >= 0) {
+    settle_until(segment().map.keyframes[settled + 1].frame);
   }
   observer_->map_adjusted({world, first_moved, view->frame, factor});
   set_anchor(keyframe);
