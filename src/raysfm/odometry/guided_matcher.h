@@ -46,6 +46,7 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
 // Makes a query that looks some octaves higher, as far as `picture`, of its camera, has them.
 void coarsen(const Octaves& picture, int octaves, PatchQuery* query);
 
+// A query found in the target.
 struct GuidedMatch {
   int query = -1;
   int feature = -1;  // of the target view, -1 where only the alignment found the place

@@ -28,6 +28,7 @@ struct StartRefused {
   std::string reason;
 };
 
+// A frame became a key frame: the map grows by what it sees.
 struct KeyFrameAdded {
   int frame = 0;
   int world = 0;
@@ -43,6 +44,7 @@ struct MapAdjusted {
   double rescaled = 1;  // lengths of the world now by those before
 };
 
+// Too little of the map was found in a frame.
 struct TrackLost {
   int frame = 0;
   int world = 0;

@@ -16,6 +16,7 @@
 
 namespace raysfm {
 
+// What a tracker is told beside its rig.
 struct TrackerOptions {
   OdometryOptions odometry;
   // Of each camera, or none at all: 255 where a pixel sees the scene, in the size of the camera's image; an

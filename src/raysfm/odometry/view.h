@@ -22,7 +22,7 @@
 
 namespace raysfm {
 
-constexpr int kOctavesWithFeatures = 2;
+constexpr int kOctavesWithFeatures = 2;  // from the first on, of each picture
 
 // The image of one camera: everything that later stages need of it. Pixels are those of the image as taken,
 // whatever the octave (features/octaves.h) that something was found in. It is filled in two steps, look() and
@@ -63,6 +63,7 @@ struct View {
   bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
 };
 
+// Views are not changed once others may see them.
 using ViewPtr = std::shared_ptr<const View>;
 
 // Motion of the image as a whole between two views, told by their thumbnails.
