@@ -30,6 +30,43 @@ class Usage(ProgramTest):
             self.assertEqual(done.returncode, 2, arguments)
             self.assertNotEqual(done.stderr, "", arguments)
 
+    def test_values_that_cannot_be(self):
+        images = self.file("images/0.pgm", b"P5 64 48 255\n" + bytes(64 * 48)).parent
+        for seed in ("-1", "18446744073709551616", "1.5", ""):
+            self.refused("track", images, "--out", self.folder / "out", "--seed", seed, says=["--seed", "0 to 18446744073709551615"])
+        self.refused("track", images, "--out", "", says=["--out", "empty name"])
+        self.refused("track", "", "--out", self.folder / "out", says=["INPUT", "empty name"])
+        self.refused("solve", images, "--out", self.folder / "out", "--fps", "1e308", says=["fps", "1e+308"])
+        self.refused("track", images, "--camera", "x", "--out", self.folder / "out", "--features", 2147483647,
+                     says=["--features = 2147483647", "at most"])
+        for subcommand in ("track", "adjust", "solve"):
+            self.refused(subcommand, "--out", self.folder / "out", says=["INPUT is missing"])
+
+    @unittest.skipUnless(os.path.exists("/dev/full"), "there is no full device here")
+    def test_help_that_nobody_gets(self):
+        with open("/dev/full", "w") as full:
+            done = run("--help", stdout=full)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("standard output cannot be written", done.stderr)
+
+    def test_configuration(self):
+        images = self.file("images/0.pgm", b"P5 64 48 255\n" + bytes(64 * 48)).parent
+        for text, says in (("window: 7\nwindow: 8\n", ["window", "given twice"]),
+                           ("foo: 1\n", ["'foo' is no setting", "window"]), ("input: {a: 1}\n", ["input", "a list"]),
+                           ("version: [1]\n", ["version", "a text"]), ("[" * 100000, ["nested too deeply"]),
+                           ("a: [1, 2\n", ["config.yaml:2", "YAML"])):
+            config = self.file("config.yaml", text)
+            done = run("track", images, "--config", config, "--out", self.folder / "out")
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
+            self.assertNotIn("yaml-cpp", done.stderr)
+            for word in (config, *says):
+                self.assertIn(str(word), done.stderr)
+        config = self.file("config.yaml", 'version: "9.9"\ninput:\n  - "no/such/video.mp4"\n')
+        done = run("track", "--config", config, "--out", self.folder / "out")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("of version 9.9", done.stderr)
+        self.assertIn("no/such/video.mp4", done.stderr)
+
 
 def tum(poses):
     return "".join("%.9f %.12g %.12g %.12g 0 0 0 1\n" % pose for pose in poses)

@@ -140,6 +140,14 @@ class SolveTest(ProgramTest):
         refused("", "image,point,u,v")
         self.assertFalse(out.exists())
 
+    def test_pixels_outside_the_given_size(self):
+        rows = "".join(f"{i},{p},{20 + 30 * p},{100 + 7 * p + i}\n" for i in range(3) for p in range(20))
+        for mark in ("", "\ufeff"):
+            tracks = self.file("tracks.csv", mark + "image,point,u,v\n" + rows)
+            self.refused("solve", tracks, "--size", "1x1", "--out", self.folder / "out", "--quiet",
+                         says=["--size = '1x1'", "60 of 60 pixels", "outside"])
+        self.refused("solve", tracks, "--fps", "nan", "--out", self.folder / "out", "--quiet", says=["fps", "nan"])
+
     def test_bad_settings(self):
         path = self.file("tracks.csv", text(Scene(images=3, points=20).rows(lambda j: 900)))
         for arguments, says in ((("--lens", "wide"), ("lens", "wide", "fixed")), (("--size", "800"), ("size", "800")),

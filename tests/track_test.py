@@ -118,6 +118,10 @@ class Success(TrackTest):
         for line in ("features: 800", "seed: 3", "window: 7", 'final: "global"'):
             self.assertIn("\n" + line + "\n", effective)
         self.assertEqual(self.track(STREET, "--config", first / "config.yaml", out=second).returncode, 0)
+        again = self.folder / "again"
+        done = run("track", "--config", first / "config.yaml", "--out", again, "--quiet")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertEqual((first / "trajectory.txt").read_bytes(), (again / "trajectory.txt").read_bytes())
         for name in set(OUTPUT) - {"report.json"}:
             self.assertEqual((first / name).read_bytes(), (second / name).read_bytes(), name)
         self.assertEqual(self.track(STREET, "--config", config, "--window", 7, "--seed", 4, out=third).returncode, 0)

@@ -79,11 +79,13 @@ Command add_adjust(CLI::App& program, const CommonOptions& common) {
   command
       ->add_option("INPUT", arguments->settings.input,
                    "BAL file, plain or .bz2, or folder of a COLMAP model, binary or text")
-      ->required();
-  command->add_option("--out", arguments->out, "folder for the results")->required();
+      ->check(named());
+  command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common,
+                                 &arguments->settings.input);
+        !r) {
       return r.error();
     }
     return run(*arguments, common);

@@ -1,8 +1,10 @@
 #include <malloc.h>
 
+#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <iostream>
 #include <string>
 
 #include "commands.h"
@@ -21,6 +23,17 @@ int exit_code(raysfm::ErrorKind kind) {
   return 1;
 }
 
+// A negative number would be taken for a large one, and a larger one for the largest.
+CLI::Validator seed_check() {
+  return {[](std::string& text) {
+            uint64_t seed = 0;
+            const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), seed);
+            const bool whole = failure == std::errc() && end == text.data() + text.size();
+            return whole ? std::string() : text + " is not allowed, 0 to 18446744073709551615 are";
+          },
+          ""};
+}
+
 int run(int argc, char** argv) {
   using namespace raysfm::app;
   CLI::App program{"raysfm: camera poses and a map from video, whatever the camera", "raysfm"};
@@ -35,7 +48,7 @@ int run(int argc, char** argv) {
   program.add_flag("--quiet", common.quiet, "print nothing but errors");
   program.add_option("--threads", common.threads, "worker threads; 0 for as many as the machine has")
       ->check(CLI::Range(0, 1024));
-  program.add_option("--seed", common.seed, "seed of every random choice");
+  program.add_option("--seed", common.seed, "seed of every random choice")->check(seed_check());
   program.add_option("--config", common.config, "YAML file with options; flags win over it");
 
   const std::pair<const char*, Command> commands[] = {
@@ -47,7 +60,10 @@ int run(int argc, char** argv) {
   try {
     program.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return program.exit(e) == 0 ? 0 : 2;
+    if (program.exit(e) != 0) return 2;
+    if (std::cout.flush()) return 0;
+    std::fputs("raysfm: standard output cannot be written\n", stderr);
+    return 2;
   }
   for (const auto& [name, command] : commands) {
     if (!program.got_subcommand(name)) continue;

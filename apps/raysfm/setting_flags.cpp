@@ -1,5 +1,8 @@
 #include "setting_flags.h"
 
+#include <fmt/format.h>
+
+#include <cstdio>
 #include <set>
 #include <type_traits>
 #include <variant>
@@ -38,7 +41,8 @@ void add_setting_flags(CLI::App& command, const std::vector<SettingField>& field
 }
 
 Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
-                             const CLI::App& program, const CommonOptions& common) {
+                             const CLI::App& program, const CommonOptions& common,
+                             std::vector<std::string>* inputs) {
   std::set<std::string> given;
   for (const SettingField& field : fields) {
     const CLI::App& owner = is_common(field) ? program : command;
@@ -46,7 +50,37 @@ Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI:
     if (field.name == "seed") *std::get<uint64_t*>(field.value) = common.seed;
     if (field.name == "threads") *std::get<int*>(field.value) = common.threads;
   }
-  return common.config.empty() ? Result<void>() : read_config(common.config, fields, given);
+  ConfigRecord record;
+  if (!common.config.empty()) {
+    Result<ConfigRecord> read = read_config(common.config, fields, given);
+    if (!read) return read.error();
+    record = *std::move(read);
+  }
+  if (!common.quiet && !record.version.empty() && record.version != RAYSFM_VERSION) {
+    std::fprintf(stderr, "warning: %s is of version %s, this is %s\n", common.config.c_str(),
+                 record.version.c_str(), RAYSFM_VERSION);
+  }
+  if (!inputs) return {};
+  if (inputs->empty()) *inputs = std::move(record.inputs);
+  if (inputs->empty()) return bad_input("INPUT is missing; allowed: on the command line, or in --config");
+  return {};
+}
+
+Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
+                             const CLI::App& program, const CommonOptions& common, std::string* input) {
+  std::vector<std::string> inputs;
+  if (!input->empty()) inputs.push_back(*input);
+  if (auto r = settle_settings(fields, command, program, common, &inputs); !r) return r;
+  if (inputs.size() > 1) {
+    return bad_input(fmt::format("{}: input: {} of them, one is allowed", common.config, inputs.size()));
+  }
+  *input = inputs[0];
+  return {};
+}
+
+CLI::Validator named() {
+  return {[](std::string& name) { return std::string(name.empty() ? "an empty name is not allowed" : ""); },
+          ""};
 }
 
 }  // namespace raysfm::app

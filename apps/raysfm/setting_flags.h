@@ -12,8 +12,15 @@ namespace raysfm::app {
 void add_setting_flags(CLI::App& command, const std::vector<SettingField>& fields);
 
 // Fills the settings that the command line left open from --config, where there is one, and sets `seed` and
-// `threads` from the common flags.
+// `threads` from the common flags. Likewise the inputs, of which there must be one, where they are asked for.
 Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
-                             const CLI::App& program, const CommonOptions& common);
+                             const CLI::App& program, const CommonOptions& common,
+                             std::vector<std::string>* inputs = nullptr);
+// The same for a command of one input.
+Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
+                             const CLI::App& program, const CommonOptions& common, std::string* input);
+
+// What names a file or a folder, which '' does not.
+CLI::Validator named();
 
 }  // namespace raysfm::app

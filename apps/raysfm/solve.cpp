@@ -94,11 +94,13 @@ Command add_solve(CLI::App& program, const CommonOptions& common) {
   command
       ->add_option("INPUT", arguments->settings.input,
                    "video, image folder or pattern, sequence folder, or CSV of point tracks: image,point,u,v")
-      ->required();
-  command->add_option("--out", arguments->out, "folder for the results")->required();
+      ->check(named());
+  command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common,
+                                 &arguments->settings.input);
+        !r) {
       return r.error();
     }
     return run(*arguments, common);

@@ -100,11 +100,13 @@ Command add_track(CLI::App& program, const CommonOptions& common) {
   command
       ->add_option("INPUT", arguments->settings.inputs,
                    "video, image folder or pattern, sequence folder, device")
-      ->required();
-  command->add_option("--out", arguments->out, "folder for the results")->required();
+      ->check(named());
+  command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common); !r) {
+    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common,
+                                 &arguments->settings.inputs);
+        !r) {
       return r.error();
     }
     return run(*arguments, common);

@@ -41,7 +41,7 @@ inline Reconstruction small_reconstruction(const std::vector<CameraModel>& model
           Rigid3{exp_so3({0.01 * i, -0.02 * i, 0.005 * i}), {0.3 * i, 0.01 * i, -0.02 * i}};
       for (int row = 0; row < 6; ++row) {
         for (int column = 0; column < 6; ++column) {
-          frame.covariance(row, column) = 1e-6 * (10 * std::min(row, column) + std::max(row, column));
+          frame.covariance(row, column) = (10 * std::min(row, column) + std::max(row, column)) / 1e6;
         }
       }
     }

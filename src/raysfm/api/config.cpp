@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <yaml-cpp/depthguard.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
@@ -11,11 +12,6 @@ namespace raysfm {
 namespace {
 
 constexpr uintmax_t kMaxConfigBytes = 1 << 20;
-
-// What config.yaml records beside the settings.
-bool is_record(const std::string& key) {
-  return key == "version" || key == "input";
-}
 
 template <typename T>
 const char* kind_of() {
@@ -45,6 +41,48 @@ Result<void> assign(const std::filesystem::path& path, const SettingField& field
         return {};
       },
       field.value);
+}
+
+Result<void> read_record(const std::filesystem::path& path, const std::string& key, const YAML::Node& node,
+                         ConfigRecord* record) {
+  std::vector<std::string> texts;
+  if (node.IsScalar()) texts.push_back(node.Scalar());
+  for (const auto& part : node) {
+    if (part.IsDefined() && part.IsScalar()) texts.push_back(part.Scalar());
+  }
+  const size_t parts = node.IsSequence() ? node.size() : 1;
+  if (texts.size() != parts || (key == "version" && !node.IsScalar())) {
+    return bad_input(
+        fmt::format("{}: {}: must be {}", path.string(), key, key == "input" ? "a list of texts" : "a text"));
+  }
+  if (key == "input") record->inputs = std::move(texts);
+  if (key == "version") record->version = texts[0];
+  return {};
+}
+
+Result<ConfigRecord> read_entries(const std::filesystem::path& path, const YAML::Node& root,
+                                  const std::vector<SettingField>& fields,
+                                  const std::set<std::string>& given) {
+  ConfigRecord record;
+  std::set<std::string> seen;
+  for (const auto& entry : root) {
+    const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
+    if (!seen.insert(key).second) return bad_input(fmt::format("{}: {}: given twice", path.string(), key));
+    const auto field = std::ranges::find(fields, key, &SettingField::name);
+    Result<void> read;
+    if (key == "version" || key == "input") {
+      read = read_record(path, key, entry.second, &record);
+    } else if (field == fields.end()) {
+      std::vector<std::string> names;
+      for (const SettingField& known : fields) names.push_back(known.name);
+      read = bad_input(
+          fmt::format("{}: '{}' is no setting; allowed: {}", path.string(), key, fmt::join(names, ", ")));
+    } else if (!given.contains(key)) {
+      read = assign(path, *field, entry.second);
+    }
+    if (!read) return read.error();
+  }
+  return record;
 }
 
 std::string yaml_quoted(const std::string& text) {
@@ -91,8 +129,8 @@ Result<void> check_threads(int threads) {
   return bad_input(fmt::format("--threads = {}: must be 0 to {}", threads, kMaxThreads));
 }
 
-Result<void> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
-                         const std::set<std::string>& given) {
+Result<ConfigRecord> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
+                                 const std::set<std::string>& given) {
   std::error_code error;
   const uintmax_t size = std::filesystem::file_size(path, error);
   if (error) return bad_input(fmt::format("{}: {}", path.string(), error.message()));
@@ -102,20 +140,15 @@ Result<void> read_config(const std::filesystem::path& path, const std::vector<Se
   }
   try {
     const YAML::Node root = YAML::LoadFile(path.string());
-    if (root.IsNull()) return {};
+    if (root.IsNull()) return ConfigRecord{};
     if (!root.IsMap())
       return bad_input(fmt::format("{}: must be a list of 'name: value' lines", path.string()));
-    for (const auto& entry : root) {
-      const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
-      if (is_record(key) || given.contains(key)) continue;
-      const auto field = std::ranges::find(fields, key, &SettingField::name);
-      if (field == fields.end()) return bad_input(fmt::format("{}: '{}' is no setting", path.string(), key));
-      if (auto r = assign(path, *field, entry.second); !r) return r;
-    }
+    return read_entries(path, root, fields, given);
+  } catch (const YAML::DeepRecursion&) {
+    return bad_input(fmt::format("{}: not readable as YAML: nested too deeply", path.string()));
   } catch (const YAML::Exception& e) {
-    return bad_input(fmt::format("{}: not readable as YAML: {}", path.string(), e.what()));
+    return bad_input(fmt::format("{}:{}: not readable as YAML: {}", path.string(), e.mark.line + 1, e.msg));
   }
-  return {};
 }
 
 std::string effective_config(TrackSettings settings, const std::string& version) {

@@ -29,11 +29,16 @@ Result<void> check_allowed(const std::vector<SettingField>& fields);
 // Bad input for a number of threads that is none; 0 stands for as many as the machine has.
 Result<void> check_threads(int threads);
 
-// Sets the fields that the YAML file names and `given` does not hold (what the command line said wins). Keys
-// that config.yaml of an output folder holds beside the settings are passed over. Errors: bad input naming
-// file, key, value and what is allowed.
-Result<void> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
-                         const std::set<std::string>& given);
+// What config.yaml of an output folder holds beside the settings.
+struct ConfigRecord {
+  std::string version;  // of the program that wrote it; empty: not said
+  std::vector<std::string> inputs;
+};
+
+// Sets the fields that the YAML file names and `given` does not hold (what the command line said wins).
+// Errors: bad input naming file, key, value and what is allowed.
+Result<ConfigRecord> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
+                                 const std::set<std::string>& given);
 
 // Text of config.yaml: version, inputs and every setting as it was in effect. read_config() reads it back.
 std::string effective_config(TrackSettings settings, const std::string& version);

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <unordered_map>
 
+#include "raysfm/io/frame_source.h"
 #include "raysfm/io/text_file.h"
 #include "raysfm/io/tracks_file.h"
 
@@ -35,6 +36,17 @@ Eigen::Vector2d guess_size(const std::vector<Eigen::Vector2d>& pixels) {
     high = high.cwiseMax(p);
   }
   return (high + low.cwiseMax(0)).array().ceil() + 1;
+}
+
+// Tracks of undistorted images may leave the picture, but not most of them.
+Result<void> check_size(const SolveSettings& settings, const Eigen::Vector2d& size,
+                        const std::vector<Eigen::Vector2d>& pixels) {
+  const auto outside = std::ranges::count_if(pixels, [&](const Eigen::Vector2d& pixel) {
+    return !(pixel.array() > -1).all() || !(pixel.array() < size.array()).all();
+  });
+  if (2 * outside <= std::ssize(pixels)) return {};
+  return bad_input(fmt::format("--size = '{}': {} of {} pixels of {} lie outside", settings.size, outside,
+                               pixels.size(), settings.input));
 }
 
 // Many images, each of which shares enough points with the one before to go on from it.
@@ -105,6 +117,7 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCa
     if (!given) return given.error();
     size = *given;
   }
+  if (auto r = check_fps(settings.fps); !r) return r.error();
   Result<TracksFile> file = read_tracks_file(settings.input);
   if (!file) return file.error();
   if (file->pixel.empty()) {
@@ -120,6 +133,7 @@ Result<SolveInput> tracks_from_file(const SolveSettings& settings, const SolveCa
          fmt::format("the images are taken to be {}x{}, as the tracks suggest; --size says it for sure",
                      size.x(), size.y()));
   }
+  if (auto r = check_size(settings, size, file->pixel); !r) return r.error();
   SolveInput input;
   input.tracks = {.image_count = static_cast<int>(file->images.size()),
                   .point_count = static_cast<int>(file->points.size()),

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <system_error>
 
 namespace raysfm {
 namespace {
@@ -21,7 +22,11 @@ ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources,
     : sources_(sources),
       maker_(std::move(maker)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
-  if (threads > 1) reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
+  if (threads <= 1) return;
+  try {
+    reader_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
+  } catch (const std::system_error&) {  // no more threads: next() reads itself
+  }
 }
 
 ViewStream::~ViewStream() {

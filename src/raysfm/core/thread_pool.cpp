@@ -3,10 +3,13 @@
 #include <atomic>
 #include <memory>
 
+#include "raysfm/core/start_threads.h"
+
 namespace raysfm {
 
 ThreadPool::ThreadPool(int workers) {
-  for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { run(); });
+  start_threads(
+      workers, [this] { run(); }, &threads_);
 }
 
 ThreadPool::~ThreadPool() {

@@ -1,8 +1,11 @@
 #include "raysfm/core/thread_pool.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <atomic>
+#include <fstream>
 #include <vector>
 
 namespace raysfm {
@@ -36,6 +39,35 @@ TEST_P(ThreadPoolTest, DestructionFinishesQueuedWork) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Workers, ThreadPoolTest, testing::Values(0, 1, 3));
+
+// A limit of memory stops the making of threads as one of processes does, and also for root.
+TEST(ThreadPool, WorksWithTheThreadsThatItGets) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "a sanitizer needs the memory";
+#endif
+  constexpr int kWanted = 64;
+  for (const rlim_t stacks : {0, 2, 5}) {
+    size_t pages = 0;
+    std::ifstream("/proc/self/statm") >> pages;
+    rlimit before{}, stack{};
+    getrlimit(RLIMIT_AS, &before);
+    getrlimit(RLIMIT_STACK, &stack);
+    if (stack.rlim_cur == RLIM_INFINITY) GTEST_SKIP() << "stacks have no limit";
+    rlimit tight = before;
+    tight.rlim_cur = pages * sysconf(_SC_PAGESIZE) + (stacks + 1) * stack.rlim_cur;
+    setrlimit(RLIMIT_AS, &tight);
+    {
+      ThreadPool pool(kWanted);
+      EXPECT_LT(pool.workers(), kWanted);
+      setrlimit(RLIMIT_AS, &before);
+      std::atomic<int> sum = 0;
+      pool.parallel_for(100, [&](int i) { sum += i; });
+      EXPECT_EQ(sum, 4950);
+      EXPECT_EQ(pool.submit([] { return 7; }).get(), 7);
+    }
+    setrlimit(RLIMIT_AS, &before);
+  }
+}
 
 }  // namespace
 }  // namespace raysfm

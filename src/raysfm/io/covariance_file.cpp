@@ -6,8 +6,14 @@
 #include <string>
 
 #include "raysfm/io/atomic_file.h"
+#include "raysfm/io/text_file.h"
 
 namespace raysfm {
+namespace {
+
+constexpr uintmax_t kMaxBytes = 1u << 30;
+
+}  // namespace
 
 Result<void> write_covariance_csv(const Reconstruction& world, const std::filesystem::path& path) {
   const char* const names[] = {"vx", "vy", "vz", "wx", "wy", "wz"};
@@ -25,13 +31,35 @@ Result<void> write_covariance_csv(const Reconstruction& world, const std::filesy
   text += '\n';
   for (const PosedFrame& frame : world.frames) {
     if (!frame.world_from_rig) continue;
-    fmt::format_to(std::back_inserter(text), "{:.9f}", frame.timestamp);
+    text += timestamp_text(frame.timestamp);
     for (int i = 0; i < 6; ++i) {
-      for (int j = i; j < 6; ++j) fmt::format_to(std::back_inserter(text), ",{:.9g}", frame.covariance(i, j));
+      for (int j = i; j < 6; ++j) fmt::format_to(std::back_inserter(text), ",{}", frame.covariance(i, j));
     }
     text += '\n';
   }
   return write_file(path, text);
+}
+
+Result<std::vector<Matrix6d>> read_covariance_csv(const std::filesystem::path& path) {
+  const Result<std::string> text = read_text_file(path, kMaxBytes);
+  if (!text) return text.error();
+  std::vector<Matrix6d> covariances;
+  for (const TextLine& line : content_lines(*text)) {
+    const std::vector<std::string_view> words = split_words(line.text, ",");
+    if (words.size() == 22 && words[0] == "timestamp") continue;
+    Matrix6d& covariance = covariances.emplace_back();
+    for (size_t i = 0, next = 1; i < 6; ++i) {
+      for (size_t j = i; j < 6; ++j, ++next) {
+        const auto value = words.size() == 22 ? parse_number(words[next]) : std::nullopt;
+        if (!value) {
+          return bad_input(fmt::format("{}:{}: '{}' is not allowed, a timestamp and 21 numbers are",
+                                       path.string(), line.number, shown(line.text)));
+        }
+        covariance(i, j) = covariance(j, i) = *value;
+      }
+    }
+  }
+  return covariances;
 }
 
 }  // namespace raysfm

@@ -116,12 +116,16 @@ Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSour
   return rig;
 }
 
+Result<void> check_fps(double fps) {
+  constexpr double kMaxFps = 1e6;
+  if (fps >= 0 && fps <= kMaxFps) return {};
+  return bad_input(fmt::format("fps: {}; allowed: a number above 0, at most {:g}", fps, kMaxFps));
+}
+
 Result<Input> open_input(const std::vector<std::string>& inputs, const InputOptions& options) {
   if (inputs.empty())
     return bad_input("no input; allowed: a video, an image folder or pattern, a sequence folder");
-  if (!std::isfinite(options.fps) || options.fps < 0) {
-    return bad_input(fmt::format("fps: {}; allowed: a number above 0", options.fps));
-  }
+  if (auto r = check_fps(options.fps); !r) return r.error();
   Result<Input> all = open_one(inputs.front(), options);
   if (!all) return all;
   if (inputs.size() > 1) {

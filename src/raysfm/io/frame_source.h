@@ -77,6 +77,9 @@ struct Input {
 Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSource>>& streams,
                             std::string* note, bool mono = false);
 
+// Bad input for what is no number of frames per second; 0 stands for an unknown one.
+Result<void> check_fps(double fps);
+
 // Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
 // layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are
 // the streams of a rig, in their order; those that are images have one number of them. Errors: bad input,

@@ -2,12 +2,22 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstring>
 #include <string>
+#include <string_view>
 
 #include "raysfm/io/atomic_file.h"
 #include "raysfm/io/little_endian.h"
+#include "raysfm/io/text_file.h"
 
 namespace raysfm {
+namespace {
+
+constexpr uintmax_t kMaxPlyBytes = 1u << 30;
+constexpr size_t kVertexBytes = 15;
+
+}  // namespace
 
 Result<void> write_points_ply(const Reconstruction& world, const std::filesystem::path& path) {
   std::string bytes = fmt::format(
@@ -28,6 +38,31 @@ Result<void> write_points_ply(const Reconstruction& world, const std::filesystem
     for (const uint8_t channel : point.rgb) append_little_endian(bytes, channel);
   }
   return write_file(path, bytes);
+}
+
+Result<std::vector<MapPoint>> read_points_ply(const std::filesystem::path& path) {
+  const Result<std::string> text = read_text_file(path, kMaxPlyBytes);
+  if (!text) return text.error();
+  const std::string_view bytes = *text, element = "element vertex ", end = "end_header\n";
+  const size_t vertices = bytes.find(element), header = bytes.find(end);
+  std::vector<MapPoint> points;
+  if (vertices < header && header != bytes.npos) {
+    const std::string_view count = bytes.substr(vertices + element.size());
+    points.resize(
+        std::min<size_t>(bytes.size(), parse_integer(count.substr(0, count.find('\n'))).value_or(0)));
+  }
+  if (header == bytes.npos || bytes.size() - header - end.size() != kVertexBytes * points.size()) {
+    return bad_input(fmt::format("{}: not a file of points as `track` writes them", path.string()));
+  }
+  const char* next = bytes.data() + header + end.size();
+  for (MapPoint& point : points) {
+    float position[3];
+    std::memcpy(position, next, sizeof(position));
+    std::memcpy(point.rgb.data(), next + sizeof(position), point.rgb.size());
+    point.position = {position[0], position[1], position[2]};
+    next += kVertexBytes;
+  }
+  return points;
 }
 
 }  // namespace raysfm

@@ -44,7 +44,14 @@ Result<std::string> read_text_file(const fs::path& path, uintmax_t max_bytes) {
   if (failure || !file.read(text.data(), static_cast<std::streamsize>(bytes))) {
     return bad_input(fmt::format("{}: cannot be read", path.string()));
   }
+  // The mark that some editors put before UTF-8.
+  if (text.starts_with("\xef\xbb\xbf")) text.erase(0, 3);
   return text;
+}
+
+std::string timestamp_text(double seconds) {
+  std::string text = fmt::format("{:.9f}", seconds);
+  return parse<double>(text) == seconds ? text : fmt::format("{}", seconds);
 }
 
 std::optional<double> parse_number(std::string_view word) {

@@ -19,6 +19,9 @@ Result<std::string> read_text_file(const std::filesystem::path& path, uintmax_t 
 std::optional<double> parse_number(std::string_view word);
 std::optional<int64_t> parse_integer(std::string_view word);
 
+// Seconds with nine decimals, or with as many digits as it takes to read the same number back.
+std::string timestamp_text(double seconds);
+
 // Parts of `text` between runs of spaces, tabs, line ends and the characters of `separators`.
 std::vector<std::string_view> split_words(std::string_view text, std::string_view separators = "");
 

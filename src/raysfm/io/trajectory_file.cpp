@@ -25,6 +25,7 @@ constexpr size_t kKittiNumbers = 12;
 constexpr size_t kEurocNumbers = 8;  // the velocity and the biases behind them are passed over
 constexpr double kMaxNumber = 1e12;  // keeps every sum of squares finite
 constexpr double kRotationTolerance = 1e-3;
+constexpr double kUnitTolerance = 1e-14;  // of the squared length of a quaternion that is rounded to a double
 
 // One line of numbers of a text file.
 struct NumberLine {
@@ -74,7 +75,9 @@ Result<Rigid3> quaternion_pose(const fs::path& path, int line, const char* order
     return bad_input(fmt::format("{}:{}: {}: a quaternion of length {} is not allowed, 1 +- {} is",
                                  path.string(), line, order, rotation.norm(), kRotationTolerance));
   }
-  return Rigid3{rotation.normalized(), translation};
+  // One that was written by us comes back bit by bit.
+  const bool exact = std::abs(rotation.squaredNorm() - 1.0) <= kUnitTolerance;
+  return Rigid3{exact ? rotation : rotation.normalized(), translation};
 }
 
 Result<Rigid3> tum_pose(const fs::path& path, const NumberLine& line) {
@@ -245,9 +248,8 @@ Result<void> write_trajectory(const Trajectory& trajectory, const std::string& h
   for (int i = 0; i < trajectory.size(); ++i) {
     const Eigen::Vector3d& t = trajectory.world_from_cam[i].translation;
     const Eigen::Quaterniond& q = trajectory.world_from_cam[i].rotation;
-    fmt::format_to(std::back_inserter(text),
-                   "{:.9f} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g} {:.12g}\n",
-                   trajectory.timestamps[i], t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
+    fmt::format_to(std::back_inserter(text), "{} {} {} {} {} {} {} {}\n",
+                   timestamp_text(trajectory.timestamps[i]), t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w());
   }
   return write_file(path, text);
 }

@@ -27,7 +27,8 @@ Result<Trajectory> read_trajectory(const std::filesystem::path& path);
 // where it is a folder, and the files of that name in worlds/1, worlds/2, ... beside it.
 Result<std::vector<std::filesystem::path>> trajectories_of_worlds(const std::filesystem::path& path);
 
-// Writes TUM format. `header` is put before the poses as comment lines, each beginning with "# ".
+// Writes TUM format, with as many digits as read_trajectory() needs to read the same numbers. `header` is put
+// before the poses as comment lines, each beginning with "# ".
 Result<void> write_trajectory(const Trajectory& trajectory, const std::string& header,
                               const std::filesystem::path& path);
 

@@ -84,6 +84,7 @@ class VideoSource : public FrameSource {
   void append_lost(int64_t before);
   InputFrame numbered_frame(int64_t pts);
   std::string defect();
+  int open_decoder(const AVCodec* decoder, int threads);
   Result<void> open_codec();
   void find_rotation();
   void feed();
@@ -146,6 +147,16 @@ Result<void> VideoSource::open(const char* device_format) {
   return {};
 }
 
+// Zero or the negative cause of failure.
+int VideoSource::open_decoder(const AVCodec* decoder, int threads) {
+  codec_.reset(avcodec_alloc_context3(decoder));
+  avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
+  codec_->thread_count = threads;
+  codec_->max_pixels = kMaxPixels;
+  codec_->pkt_timebase = stream_->time_base;
+  return std::min(0, avcodec_open2(codec_.get(), decoder, nullptr));
+}
+
 Result<void> VideoSource::open_codec() {
   const AVCodec* decoder = nullptr;
   const int best = av_find_best_stream(format_.get(), AVMEDIA_TYPE_VIDEO, -1, -1, &decoder, 0);
@@ -153,12 +164,8 @@ Result<void> VideoSource::open_codec() {
   stream_ = format_->streams[best];
   if (stream_->disposition & AV_DISPOSITION_ATTACHED_PIC)
     return bad_input(path_ + ": has a cover picture but no video");
-  codec_.reset(avcodec_alloc_context3(decoder));
-  avcodec_parameters_to_context(codec_.get(), stream_->codecpar);
-  codec_->thread_count = threads_;
-  codec_->max_pixels = kMaxPixels;
-  codec_->pkt_timebase = stream_->time_base;
-  const int opened = avcodec_open2(codec_.get(), decoder, nullptr);
+  int opened = open_decoder(decoder, threads_);
+  if (opened < 0 && threads_ != 1) opened = open_decoder(decoder, 1);  // no more threads to be had
   if (opened < 0) return bad_input(fmt::format("{}: {}: {}", path_, decoder->name, reason(opened)));
   rate_ = av_q2d(stream_->avg_frame_rate);
   if (!(rate_ > 0)) rate_ = av_q2d(stream_->r_frame_rate);

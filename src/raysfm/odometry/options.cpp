@@ -23,6 +23,10 @@ Result<void> validate(const OdometryOptions& o) {
                          Bound{"--global-until", o.global_until, 3}}) {
     if (auto r = at_least(b.field, b.value, b.least); !r) return r;
   }
+  constexpr int kMaxFeatures = 100000;  // also keeps twice the number a number
+  if (o.features > kMaxFeatures) {
+    return bad_input(fmt::format("--features = {}: must be at most {}", o.features, kMaxFeatures));
+  }
   return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until});
 }
 

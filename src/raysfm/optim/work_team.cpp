@@ -1,5 +1,7 @@
 #include "raysfm/optim/work_team.h"
 
+#include "raysfm/core/start_threads.h"
+
 namespace raysfm {
 namespace {
 
@@ -17,7 +19,8 @@ void wait_for_change(const std::atomic<T>& value, T old) {
 }  // namespace
 
 WorkTeam::WorkTeam(int threads) {
-  for (int i = 1; i < threads; ++i) workers_.emplace_back([this] { serve(); });
+  start_threads(
+      threads - 1, [this] { serve(); }, &workers_);
 }
 
 WorkTeam::~WorkTeam() {
