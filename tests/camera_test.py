@@ -58,6 +58,21 @@ class Camera(ProgramTest):
         done = run("camera", "convert", file, "--to", "opencv", "--out", "/dev/stdout")
         self.assertEqual((done.returncode, done.stdout), (0, target.read_text()))
 
+    def test_masks_are_looked_at(self):
+        file = self.file("rig.yaml", FISHEYE.replace("model: k", "mask: mask.pgm\n    model: k", 1))
+        head = b"P5 640 480 255\n"
+        for mask, says in ((head + bytes(640 * 480), "no pixel of the mask sees the scene"),
+                           (head + b"\1" * (640 * 480), "brightest pixel of the mask is 1"),
+                           (b"P5 64 48 255\n" + b"\xff" * (64 * 48), "64 x 48; allowed: the camera's 640 x 480"),
+                           (b"", "mask.pgm"), (b"no image", "mask.pgm")):
+            self.file("mask.pgm", mask)
+            done = run("camera", "check", file)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn("warning: left: ", done.stdout)
+            self.assertIn(says, done.stdout)
+        self.file("mask.pgm", head + b"\xff" * (640 * 480))
+        self.assertIn("no warnings", run("camera", "check", file).stdout)
+
     def test_fit(self):
         file = self.file("rig.yaml", FISHEYE)
         self.refused("camera", "convert", file, "--to", "opencv", "--model", "unified", says=["rig.yaml", "--fit"])

@@ -505,6 +505,12 @@ cameras:
         self.refused("track", stereo, "--camera", self.rig("wrong.yaml", x=-0.4), "--out", self.out, "--quiet",
                      says=["wrong.yaml", "rig_from_cam", "opposite direction"])
 
+    def test_cameras_in_one_place_on_the_same_images_are_noticed(self):
+        rig = self.rig("twice.yaml", x=0, streams=dict(left="stream: 0", right="stream: 0"))
+        done = run("track", self.images("frames", 3, size=(320, 240)), "--camera", rig, "--out", self.out)
+        self.assertIn("warning: right: sees the same images as left", done.stderr)
+        self.assertIn("warning: right: stands where left stands", done.stderr)
+
     def test_a_mirror_has_no_pixel_error(self):
         mirror = self.file("mirror.yaml", """raysfm_camera: 1
 cameras:

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -14,6 +15,7 @@
 #include "raysfm/io/camera_file.h"
 #include "raysfm/io/camera_plot.h"
 #include "raysfm/io/frame_source.h"
+#include "raysfm/io/image_file.h"
 
 namespace raysfm::app {
 namespace {
@@ -247,6 +249,26 @@ Result<std::string> comparison_text(const Rig& rig, const CameraOptions& options
   return text;
 }
 
+// What is wrong with the masks of the cameras, one sentence each.
+std::vector<std::string> mask_warnings(const Rig& rig) {
+  std::vector<std::string> warnings;
+  for (const Camera& camera : rig.cameras) {
+    if (camera.mask_path.empty() || camera.width == 0) continue;
+    const Result<GrayImage> mask = read_mask(camera.mask_path, camera.width, camera.height);
+    if (!mask) {
+      warnings.push_back(camera.name + ": " + mask.error().message);
+      continue;
+    }
+    bool sees = false;
+    for (int y = 0; y < mask->height(); ++y) {
+      sees = sees || std::any_of(mask->row(y), mask->row(y) + mask->width(), [](uint8_t m) { return m > 0; });
+    }
+    if (!sees)
+      warnings.push_back(camera.name + ": " + camera.mask_path + ": no pixel of the mask sees the scene");
+  }
+  return warnings;
+}
+
 Result<int> run_check(const CameraOptions& options, const CommonOptions& common) {
   Result<Rig> rig = read_rig(options.file, options, common);
   if (!rig) return rig.error();
@@ -261,7 +283,8 @@ Result<int> run_check(const CameraOptions& options, const CommonOptions& common)
     text += fmt::format("images: {} streams, their sizes are those of the cameras\n", input->streams.size());
   }
   text += rig_class(*rig) + "\n";
-  const std::vector<std::string> warnings = camera_warnings(*rig);
+  std::vector<std::string> warnings = camera_warnings(*rig);
+  for (std::string& warning : mask_warnings(*rig)) warnings.push_back(std::move(warning));
   for (const std::string& warning : warnings) text += "warning: " + warning + "\n";
   if (warnings.empty()) text += "no warnings\n";
   for (const std::string& place : placements(*rig)) {

@@ -199,28 +199,30 @@ void warn_of_rays(const Camera& camera, Warnings* out) {
   }
 }
 
-void warn_of_places(const Rig& rig, Warnings* out) {
+}  // namespace
+
+std::vector<std::string> place_warnings(const Rig& rig) {
+  Warnings out;
   for (size_t i = 0; i < rig.cameras.size(); ++i) {
     for (size_t j = 0; j < i; ++j) {
       const Camera& a = rig.cameras[j];
       const Camera& b = rig.cameras[i];
       const Rigid3 a_from_b = a.rig_from_cam.inverse() * b.rig_from_cam;
       if (a.stream == b.stream && a.roi.w == 0 && b.roi.w == 0) {
-        out->push_back(fmt::format("{}: sees the same images as {}, stream {}", b.name, a.name, a.stream));
+        out.push_back(fmt::format("{}: sees the same images as {}, stream {}", b.name, a.name, a.stream));
       }
       if (a_from_b.translation.norm() < 1e-9 &&
           a_from_b.rotation.angularDistance(Eigen::Quaterniond::Identity()) < 1e-9) {
-        out->push_back(fmt::format("{}: stands where {} stands and looks the same way; is its pose missing?",
-                                   b.name, a.name));
+        out.push_back(fmt::format("{}: stands where {} stands and looks the same way; is its pose missing?",
+                                  b.name, a.name));
       } else if (a_from_b.translation.norm() > 50) {
-        out->push_back(fmt::format("{}: stands {:.4g} m from {}; are the units metres?", b.name,
-                                   a_from_b.translation.norm(), a.name));
+        out.push_back(fmt::format("{}: stands {:.4g} m from {}; are the units metres?", b.name,
+                                  a_from_b.translation.norm(), a.name));
       }
     }
   }
+  return out;
 }
-
-}  // namespace
 
 std::vector<std::string> camera_warnings(const Rig& rig) {
   Warnings warnings;
@@ -228,7 +230,7 @@ std::vector<std::string> camera_warnings(const Rig& rig) {
     warn_of_numbers(camera, &warnings);
     if (camera.width > 0) warn_of_rays(camera, &warnings);
   }
-  warn_of_places(rig, &warnings);
+  for (std::string& warning : place_warnings(rig)) warnings.push_back(std::move(warning));
   return warnings;
 }
 

@@ -39,6 +39,9 @@ CameraFacts camera_facts(const Camera& camera);
 // read from a file; cameras without a size are judged by their numbers alone.
 std::vector<std::string> camera_warnings(const Rig& rig);
 
+// Those of them that are about cameras in one place, on the same images, or far apart.
+std::vector<std::string> place_warnings(const Rig& rig);
+
 // What a file cannot tell about the places of its cameras and the user has to check: one sentence for each
 // camera but the first, saying where it stands and looks according to the rig.
 std::vector<std::string> placements(const Rig& rig);

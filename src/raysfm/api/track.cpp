@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "raysfm/api/camera_check.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_class.h"
@@ -76,6 +77,7 @@ Result<Sources> open_sources(const TrackSettings& settings, const EventSink& eve
   Result<Rig> rig = read_rig(settings, *input, event);
   if (!rig) return rig.error();
   Sources sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}};
+  for (const std::string& warning : place_warnings(sources.rig)) tell(event, Event::Level::kWarning, warning);
   if (auto r = validate_error(sources.rig, settings.odometry.error); !r) return r.error();
   for (const Camera& camera : sources.rig.cameras) {
     Result<GrayImage> mask = mask_of(camera, sources.input);

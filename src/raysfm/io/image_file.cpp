@@ -84,6 +84,15 @@ Result<GrayImage> read_mask(const fs::path& path, int width, int height) {
     return bad_input(fmt::format("{}: the mask is {} x {}; allowed: the camera's {} x {}", path.string(),
                                  mask.width(), mask.height(), width, height));
   }
+  int brightest = 0;
+  for (int y = 0; y < height; ++y) {
+    brightest = std::max<int>(brightest, *std::max_element(mask.row(y), mask.row(y) + width));
+  }
+  if (brightest > 0 && brightest <= 127) {
+    return bad_input(
+        fmt::format("{}: the brightest pixel of the mask is {}; allowed: 255 where a pixel sees the scene",
+                    path.string(), brightest));
+  }
   for (int y = 0; y < height; ++y) {
     for (uint8_t* p = mask.row(y); p != mask.row(y) + width; ++p) *p = *p > 127 ? 255 : 0;
   }
