@@ -50,7 +50,8 @@ Result<void> read_record(const std::filesystem::path& path, const std::string& k
   for (const auto& part : node) {
     if (part.IsDefined() && part.IsScalar()) texts.push_back(part.Scalar());
   }
-  const size_t parts = node.IsSequence() ? node.size() : 1;
+  const bool no_inputs = key == "input" && node.IsNull();
+  const size_t parts = node.IsSequence() ? node.size() : no_inputs ? 0 : 1;
   if (texts.size() != parts || (key == "version" && !node.IsScalar())) {
     return bad_input(
         fmt::format("{}: {}: must be {}", path.string(), key, key == "input" ? "a list of texts" : "a text"));
