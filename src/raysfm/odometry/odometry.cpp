@@ -427,7 +427,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   forget_old_views();
   const int first_moved = settled_before_;
   if (keyframe >= options_.global_until) {
-    settle_until(segment().map.keyframes[keyframe - options_.window + 1].frame);
+    settle_until(segment().map.keyframes[std::max(0, keyframe - options_.window + 1)].frame);
   }
   observer_->map_adjusted({world, first_moved, view->frame, factor});
   set_anchor(keyframe);
