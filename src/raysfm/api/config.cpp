@@ -56,8 +56,11 @@ Result<void> read_record(const std::filesystem::path& path, const std::string& k
     return bad_input(
         fmt::format("{}: {}: must be {}", path.string(), key, key == "input" ? "a list of texts" : "a text"));
   }
-  if (key == "input") record->inputs = std::move(texts);
-  if (key == "version") record->version = texts[0];
+  if (key == "version") {
+    record->version = texts[0];
+  } else {
+    record->inputs = std::move(texts);
+  }
   return {};
 }
 

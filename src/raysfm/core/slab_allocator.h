@@ -30,14 +30,18 @@ struct SlabAllocator {
   SlabAllocator(const SlabAllocator<U>&) {}
 
   T* allocate(size_t count) {
-    const size_t bytes = count * sizeof(T);
+    const size_t bytes = count * kSize;
     return static_cast<T*>(bytes > kLargestSlabBlock ? ::operator new(bytes) : allocate_in_slab(bytes));
   }
   void deallocate(T* block, size_t count) noexcept {
-    const size_t bytes = count * sizeof(T);
+    const size_t bytes = count * kSize;
     bytes > kLargestSlabBlock ? ::operator delete(block) : free_in_slab(block, bytes);
   }
   bool operator==(const SlabAllocator&) const { return true; }
+
+ private:
+  static constexpr size_t kSize =
+      sizeof(T);  // NOLINT(bugprone-sizeof-expression): nodes of a deque are pointers
 };
 
 }  // namespace raysfm

@@ -130,7 +130,8 @@ class Replacement {
 };
 
 Result<void> replace_one_by_one(const fs::path& folder, const fs::path& staged,
-                                const std::vector<std::string>& obsolete, std::vector<std::string> files) {
+                                const std::vector<std::string>& obsolete,
+                                const std::vector<std::string>& files) {
   Replacement replacement(folder, staged);
   for (const std::string& name : obsolete) {
     if (const int cause = replacement.take(name)) return cannot_be_replaced(folder / name, cause);

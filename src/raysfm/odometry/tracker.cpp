@@ -58,15 +58,16 @@ std::vector<GrayImage> sight_masks(const Rig& rig, std::vector<GrayImage> given)
 
 }  // namespace
 
-Result<std::unique_ptr<Tracker>> Tracker::create(Rig rig, TrackerOptions options, TrackerObserver* observer) {
+Result<std::unique_ptr<Tracker>> Tracker::create(const Rig& rig, TrackerOptions options,
+                                                 TrackerObserver* observer) {
   if (auto r = check_rig(rig, options); !r) return r.error();
   if (auto r = validate(options.odometry); !r) return r.error();
   if (auto r = validate_error(rig, options.odometry.error); !r) return r.error();
   std::vector<GrayImage> masks = sight_masks(rig, std::move(options.masks));
-  return std::unique_ptr<Tracker>(new Tracker(std::move(rig), std::move(masks), options.odometry, observer));
+  return std::unique_ptr<Tracker>(new Tracker(rig, std::move(masks), options.odometry, observer));
 }
 
-Tracker::Tracker(Rig rig, std::vector<GrayImage> masks, const OdometryOptions& options,
+Tracker::Tracker(const Rig& rig, std::vector<GrayImage> masks, const OdometryOptions& options,
                  TrackerObserver* observer)
     : masks_(std::move(masks)),
       maker_(camera_inputs(rig, masks_, options.features)),

@@ -34,7 +34,7 @@ class Tracker {
   // The sizes of the cameras are known. `observer` may be null, and outlives the tracker. Errors: bad input,
   // where an option is out of range, a mask has another size than its camera, or the error measure needs a
   // camera that can project.
-  static Result<std::unique_ptr<Tracker>> create(Rig rig, TrackerOptions options,
+  static Result<std::unique_ptr<Tracker>> create(const Rig& rig, TrackerOptions options,
                                                  TrackerObserver* observer = nullptr);
   Tracker(const Tracker&) = delete;
   Tracker& operator=(const Tracker&) = delete;
@@ -67,7 +67,8 @@ class Tracker {
   const TrackingRig& rig() const { return odometry_.rig(); }
 
  private:
-  Tracker(Rig rig, std::vector<GrayImage> masks, const OdometryOptions& options, TrackerObserver* observer);
+  Tracker(const Rig& rig, std::vector<GrayImage> masks, const OdometryOptions& options,
+          TrackerObserver* observer);
   Result<void> check(std::span<const PixelView> images, double timestamp) const;
 
   std::vector<GrayImage> masks_;
