@@ -201,8 +201,8 @@ Result<void> StagedFolder::commit(const std::vector<std::string>& obsolete, cons
   std::ranges::remove_copy_if(obsolete, std::back_inserter(gone), written);
   owned.insert(owned.end(), gone.begin(), gone.end());
   if (exchange(owned)) return {};
-  std::ranges::stable_partition(files, [&](const std::string& name) { return name != last; });
-  return replace_one_by_one(folder_, staged_, gone, std::move(files));
+  std::stable_partition(files.begin(), files.end(), [&](const std::string& name) { return name != last; });
+  return replace_one_by_one(folder_, staged_, gone, files);
 }
 
 // The hidden folder has the old files afterwards.
