@@ -9,6 +9,7 @@
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
 #include "raysfm/io/output_folder.h"
+#include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
 #include "terminal.h"
 
@@ -34,11 +35,9 @@ class ProgressPrinter : public ProgressLine {
 
 void print_summary(const TrackResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
-  int posed = 0;
-  for (const PosedFrame& f : r.frames) posed += f.world_from_rig.has_value();
-  std::printf("%d of %zu frames posed in %zu segment%s, %zu key frames, %zu points, rms %.2f px\n", posed,
-              r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s", r.keyframes.size(),
-              r.points.size(), r.rms_reprojection_px);
+  std::printf("%d of %zu frames posed in %zu segment%s, %zu key frames, %zu points, rms %.2f px\n",
+              posed_count(r), r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s",
+              r.keyframes.size(), r.points.size(), r.rms_reprojection_px);
   if (r.segments.size() > 1) {
     std::printf("segments share neither world nor scale: the longest is at the top, the others in worlds/\n");
   }

@@ -78,7 +78,6 @@ Result<Sources> open_sources(const TrackSettings& settings, const EventSink& eve
   if (!rig) return rig.error();
   Sources sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}};
   for (const std::string& warning : place_warnings(sources.rig)) tell(event, Event::Level::kWarning, warning);
-  if (auto r = validate_error(sources.rig, settings.odometry.error); !r) return r.error();
   for (const Camera& camera : sources.rig.cameras) {
     Result<GrayImage> mask = mask_of(camera, sources.input);
     if (!mask) return mask.error();
@@ -184,13 +183,13 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (auto r = choose_methods(&settings); !r) return r.error();
   Result<Sources> sources = open_sources(settings, callbacks.event);
   if (!sources) return sources.error();
-  if (callbacks.ready) {
-    if (auto r = callbacks.ready(); !r) return r.error();
-  }
   Narrator narrator(callbacks.event);
   Result<std::unique_ptr<Tracker>> made =
       Tracker::create(sources->rig, {settings.odometry, std::move(sources->masks)}, &narrator);
   if (!made) return made.error();
+  if (callbacks.ready) {
+    if (auto r = callbacks.ready(); !r) return r.error();
+  }
   Tracker& tracker = **made;
   ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads));
   FrameSource& source = *sources->input.streams[0];

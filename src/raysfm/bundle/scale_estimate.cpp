@@ -12,10 +12,9 @@ namespace {
 
 using Core = BundleCore<6>;
 
-constexpr double kRegularising =
-    1e4;  // weight that makes the normal equations regular where nothing tells the scale
-constexpr double kLeastPart =
-    1e-9;  // of kRegularising: what rounding leaves of an information that is not there
+// Weight that makes the normal equations regular where nothing tells the scale, and the part of it that
+// rounding leaves of an information that is not there.
+constexpr double kRegularising = 1e4, kLeastPart = 1e-9;
 // How far one linearisation is believed, in the scale and in its inverse: towards a smaller scale, which is
 // towards where the origins of the rays matter, nothing is extrapolated that is not linear.
 constexpr double kMostRatio = 4, kMostInverse = 1000;

@@ -109,6 +109,14 @@ Result<void> write_file(const fs::path& path, std::string_view content) {
   return write_file(path, [&] { return std::exchange(content, {}); });
 }
 
+Result<void> create_folder(const fs::path& folder) {
+  std::error_code failure;
+  fs::create_directories(folder, failure);
+  if (!failure && !fs::is_directory(folder)) failure = std::make_error_code(std::errc::not_a_directory);
+  if (!failure) return {};
+  return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
+}
+
 Result<void> check_not_input(const std::string& flag, const fs::path& path,
                              std::span<const std::string> inputs) {
   for (const std::string& input : inputs) {

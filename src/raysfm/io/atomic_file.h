@@ -22,6 +22,9 @@ Result<void> write_file(const std::filesystem::path& path, std::string_view cont
 using ContentParts = std::function<std::string_view()>;
 Result<void> write_file(const std::filesystem::path& path, const ContentParts& next_part);
 
+// Creates a folder, and those above it, unless it is there. Errors: bad input, naming the folder.
+Result<void> create_folder(const std::filesystem::path& folder);
+
 // Bad input, with `flag`, where writing the file `path` would replace one of the inputs. An input that is no
 // file, or not there, is in nobody's way.
 Result<void> check_not_input(const std::string& flag, const std::filesystem::path& path,

@@ -188,7 +188,7 @@ Result<void> write_colmap_model(const Reconstruction& world, const std::filesyst
   ColmapModel model;
   if (!append_cameras(world.rig, &model)) return {};
   const WorldImages images(world);
-  Result<void> written = create_colmap_folder(folder);
+  Result<void> written = create_folder(folder);
   if (written) written = write_file(folder / "cameras.bin", format_colmap_cameras_bin(model));
   if (written) written = write_images(images, folder / "images.bin");
   if (written) written = write_points(images, folder / "points3D.bin");

@@ -168,15 +168,8 @@ Result<ColmapModel> read_colmap_model(const fs::path& folder) {
   return parse_colmap(files, folder.string());
 }
 
-Result<void> create_colmap_folder(const fs::path& folder) {
-  std::error_code failure;
-  fs::create_directories(folder, failure);
-  if (!failure) return {};
-  return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
-}
-
 Result<void> write_colmap_model(const ColmapModel& model, const fs::path& folder) {
-  if (auto created = create_colmap_folder(folder); !created) return created;
+  if (auto created = create_folder(folder); !created) return created;
   const FileNames names(folder.string(), model.binary);
   const ColmapFiles files = format_colmap(model);
   Result<void> written = write_file(names.cameras, files.cameras);

@@ -88,9 +88,6 @@ bool is_colmap_model(const std::filesystem::path& folder);
 // The model in a folder, binary where there are both kinds, as COLMAP chooses.
 Result<ColmapModel> read_colmap_model(const std::filesystem::path& folder);
 
-// Creates the folder of a model where it is missing.
-Result<void> create_colmap_folder(const std::filesystem::path& folder);
-
 // Writes the three files into `folder`, which is created where it is missing.
 Result<void> write_colmap_model(const ColmapModel& model, const std::filesystem::path& folder);
 

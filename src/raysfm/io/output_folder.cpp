@@ -24,7 +24,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr const char *kReport = "report.json", *kFailed = "failed.json", *kConfig = "config.yaml";
-constexpr uintmax_t kMaxReportBytes = 1u << 30;
 
 void append(const PosedFrame& frame, Trajectory* trajectory) {
   if (!frame.world_from_rig) return;
@@ -83,12 +82,7 @@ Trajectory posed_keyframes(const Reconstruction& reconstruction) {
 }
 
 Result<void> prepare_output_folder(const fs::path& folder) {
-  std::error_code failure;
-  fs::create_directories(folder, failure);
-  if (!failure && !fs::is_directory(folder)) failure = std::make_error_code(std::errc::not_a_directory);
-  if (failure) {
-    return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
-  }
+  if (auto created = create_folder(folder); !created) return created;
   // Permission bits do not tell: root passes them and a read-only file system does not have them.
   std::string probe = (folder / ".raysfm-XXXXXX").string();
   const int file = ::mkstemp(probe.data());

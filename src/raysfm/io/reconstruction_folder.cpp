@@ -11,6 +11,7 @@
 #include "raysfm/io/colmap_model.h"
 #include "raysfm/io/covariance_file.h"
 #include "raysfm/io/ply_file.h"
+#include "raysfm/io/report_file.h"
 #include "raysfm/io/text_file.h"
 #include "raysfm/io/trajectory_file.h"
 
@@ -19,8 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr uintmax_t kMaxBytesOfReport = 1u << 30;
 
 std::optional<double> share(const Json& percent) {
   return percent.is_null() ? std::nullopt : std::optional<double>(percent.get<double>() / 100);
@@ -182,7 +181,7 @@ Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
 
 Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   const fs::path path = folder / "report.json";
-  const Result<std::string> text = read_text_file(path, kMaxBytesOfReport);
+  const Result<std::string> text = read_text_file(path, kMaxReportBytes);
   if (!text) return text.error();
   try {
     return read_all(folder, Json::parse(*text));

@@ -12,6 +12,8 @@
 
 namespace raysfm {
 
+constexpr uintmax_t kMaxReportBytes = 1u << 30;  // larger ones are not read
+
 // What report.json says beyond the reconstruction itself.
 struct Report {
   std::string version;

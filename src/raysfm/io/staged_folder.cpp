@@ -15,6 +15,8 @@
 #include <system_error>
 #include <utility>
 
+#include "raysfm/io/atomic_file.h"
+
 namespace raysfm {
 namespace {
 
@@ -158,14 +160,12 @@ std::vector<std::string> files_below(const fs::path& folder) {
 }
 
 Result<StagedFolder> StagedFolder::create(const fs::path& folder) {
+  if (auto created = create_folder(folder); !created) return created.error();
   std::error_code failure;
-  fs::create_directories(folder, failure);
   StagedFolder staged;
   staged.given_ = folder;
-  if (!failure) staged.folder_ = fs::canonical(folder, failure);
-  if (failure) {
-    return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
-  }
+  staged.folder_ = fs::canonical(folder, failure);
+  if (failure) return cannot_be_replaced(folder, failure.value());
   const fs::path beside = staged.folder_.parent_path() / ("." + staged.folder_.filename().string() + kMark);
   remove_leftovers(staged.folder_, kMark);
   remove_leftovers(beside.parent_path(), beside.filename().string());

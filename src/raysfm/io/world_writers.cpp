@@ -2,8 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <system_error>
-
+#include "raysfm/io/atomic_file.h"
 #include "raysfm/io/colmap_file.h"
 #include "raysfm/io/covariance_file.h"
 #include "raysfm/io/output_folder.h"
@@ -47,11 +46,7 @@ fs::path world_folder(int world) {
 }
 
 Result<void> write_world(const Reconstruction& world, const fs::path& folder) {
-  std::error_code failure;
-  fs::create_directories(folder, failure);
-  if (failure) {
-    return bad_input(fmt::format("{}: folder cannot be created: {}", folder.string(), failure.message()));
-  }
+  if (auto created = create_folder(folder); !created) return created;
   for (const WorldWriter& writer : world_writers()) {
     if (auto r = writer.write(world, folder / writer.name); !r) return r;
   }

@@ -178,56 +178,51 @@ void GuidedMatcher::match(std::span<const KeyFrameView> views, std::span<const P
                    [](const GuidedMatch& a, const GuidedMatch& b) { return a.query < b.query; });
 }
 
-// A patch in one octave of the target.
-AlignedPatch GuidedMatcher::align_in(int octave, const Octaves& reference, const Eigen::Vector2f& pixel,
-                                     const Eigen::Matrix2f& reference_from_octave, const Octaves& target,
+// The patch of a query in one octave of the target. The warp is that of the query, to pixels of this octave.
+AlignedPatch GuidedMatcher::align_in(int octave, const KeyFrameView& keyframe, const PatchQuery& query,
+                                     const Eigen::Matrix2f& keyframe_from_octave, const View& target,
                                      const Eigen::Vector2f& start,
                                      const PatchAlignmentOptions& options) const {
-  const int sampled = sampled_octave(reference, reference_from_octave);
-  const Eigen::Vector2f in_reference = into_octave(pixel, sampled), in_target = into_octave(start, octave);
-  const Eigen::Matrix2f warp = reference_from_octave / octave_side(sampled);
+  const Octaves &reference = *keyframe.camera_view(query.feature).octaves,
+                &picture = *target.cameras[query.camera].octaves;
+  const int sampled = sampled_octave(reference, keyframe_from_octave);
+  const Eigen::Vector2f in_reference = into_octave(keyframe.pixels[query.feature], sampled);
+  const Eigen::Vector2f in_target = into_octave(start, octave);
+  const Eigen::Matrix2f warp = keyframe_from_octave / octave_side(sampled);
   AlignedPatch aligned;
   aligned.octave = octave;
   PatchAligner(options).align(reference.at(sampled), std::span(&in_reference, 1), std::span(&warp, 1),
-                              target.at(octave), std::span(&in_target, 1),
+                              picture.at(octave), std::span(&in_target, 1),
                               std::span<PatchAlignment>(static_cast<PatchAlignment*>(&aligned), 1));
   aligned.pixel = out_of_octave(aligned.pixel, octave);
   return aligned;
 }
 
-void GuidedMatcher::align_here(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
-                               std::span<const Eigen::Vector2f> starts, const View& target,
-                               const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out) {
-  out->resize(queries.size());
-  for (size_t i = 0; i < queries.size(); ++i) {
-    const PatchQuery& q = queries[i];
-    const KeyFrameView& view = views[q.keyframe];
-    AlignedPatch& here = (*out)[i];
-    here = align_in(q.octave, *view.camera_view(q.feature).octaves, view.pixels[q.feature],
-                    q.keyframe_from_target, *target.cameras[q.camera].octaves, starts[i], options);
-    if (here.converged) here.pixel -= q.bend;
+// What is seen in a coarse octave may have a finer core.
+AlignedPatch GuidedMatcher::align_finer(AlignedPatch best, const KeyFrameView& keyframe,
+                                        const PatchQuery& query, const View& target,
+                                        const PatchAlignmentOptions& options) const {
+  Eigen::Matrix2f warp = 0.5f * query.keyframe_from_target;
+  const int first = target.cameras[query.camera].octaves->first();
+  for (int o = query.octave - 1; best.converged && o >= first; --o, warp *= 0.5f) {
+    const AlignedPatch finer = align_in(o, keyframe, query, warp, target, best.pixel, options);
+    if (!finer.converged) break;
+    best = finer;
   }
+  return best;
 }
 
 void GuidedMatcher::align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
                           std::span<const Eigen::Vector2f> starts, const View& target,
-                          const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out) {
+                          const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out,
+                          FinerOctaves finer) {
   out->resize(queries.size());
   for (size_t i = 0; i < queries.size(); ++i) {
     const PatchQuery& q = queries[i];
-    const KeyFrameView& view = views[q.keyframe];
-    const Octaves &reference = *view.camera_view(q.feature).octaves,
-                  &picture = *target.cameras[q.camera].octaves;
-    const Eigen::Vector2f pixel = view.pixels[q.feature];
+    const KeyFrameView& keyframe = views[q.keyframe];
     AlignedPatch& best = (*out)[i];
-    best = align_in(q.octave, reference, pixel, q.keyframe_from_target, picture, starts[i], options);
-    // What is seen in a coarse octave may have a finer core.
-    Eigen::Matrix2f warp = 0.5f * q.keyframe_from_target;
-    for (int o = q.octave - 1; best.converged && o >= picture.first(); --o, warp *= 0.5f) {
-      const AlignedPatch finer = align_in(o, reference, pixel, warp, picture, best.pixel, options);
-      if (!finer.converged) break;
-      best = finer;
-    }
+    best = align_in(q.octave, keyframe, q, q.keyframe_from_target, target, starts[i], options);
+    if (finer == FinerOctaves::kTried) best = align_finer(best, keyframe, q, target, options);
     if (best.converged) best.pixel -= std::ldexp(1.0f, 2 * (best.octave - q.octave)) * q.bend;
   }
 }

@@ -60,6 +60,9 @@ struct AlignedPatch : PatchAlignment {
   int octave = 0;
 };
 
+// Whether a patch that was found is aligned again in finer octaves.
+enum class FinerOctaves : uint8_t { kTried, kLeft };
+
 // Finds patches of key frames in another view, LBA09 2.1 with a region of interest and a patch shape that
 // follow from the motion. Queries must be sorted by camera, and for one camera by key frame. Owns scratch
 // memory.
@@ -70,23 +73,22 @@ class GuidedMatcher {
              float min_zncc, std::vector<GuidedMatch>* matches);
 
   // Sub-pixel places of queries in the target, from the given starts, in the finest octave that the patch is
-  // seen in. Element i of `out` belongs to query i.
+  // seen in, or in that of the query alone. Element i of `out` belongs to query i.
   void align(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
              std::span<const Eigen::Vector2f> starts, const View& target,
-             const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out);
-  // The same in the octaves of the queries alone.
-  void align_here(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries,
-                  std::span<const Eigen::Vector2f> starts, const View& target,
-                  const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out);
+             const PatchAlignmentOptions& options, std::vector<AlignedPatch>* out,
+             FinerOctaves finer = FinerOctaves::kTried);
 
  private:
   void gather_patches(std::span<const KeyFrameView> views, std::span<const PatchQuery> queries);
   void match_in(std::span<const KeyFrameView> views, const CameraView& target,
                 std::span<const PatchQuery> queries, int first_query, float min_zncc,
                 std::vector<GuidedMatch>* matches);
-  AlignedPatch align_in(int octave, const Octaves& reference, const Eigen::Vector2f& pixel,
-                        const Eigen::Matrix2f& reference_from_octave, const Octaves& target,
+  AlignedPatch align_in(int octave, const KeyFrameView& keyframe, const PatchQuery& query,
+                        const Eigen::Matrix2f& keyframe_from_octave, const View& target,
                         const Eigen::Vector2f& start, const PatchAlignmentOptions& options) const;
+  AlignedPatch align_finer(AlignedPatch best, const KeyFrameView& keyframe, const PatchQuery& query,
+                           const View& target, const PatchAlignmentOptions& options) const;
 
   ZnccMatcher matcher_;
   PatchSet patches_;  // one per query

@@ -232,7 +232,7 @@ void Localiser::align_some(int coarser, const Map& map, std::span<const KeyFrame
     coarsen(*view.cameras[q.camera].octaves, coarser, &q);
     starts_.push_back(q.predicted);
   }
-  matcher_.align_here(views, queries_, starts_, view, kFirstAlignment, &alignments_);
+  matcher_.align(views, queries_, starts_, view, kFirstAlignment, &alignments_, FinerOctaves::kLeft);
   clear_observations();
   for (size_t i = 0; i < queries_.size(); ++i) {
     if (alignments_[i].converged) add_observation(map, seen_at(queries_[i], alignments_[i]));
@@ -271,13 +271,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
   {
     ScopedTimer timer(align_timing);
     predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
-    if (found.empty()) {
-      starts_.clear();
-      for (const PatchQuery& q : queries_) starts_.push_back(q.predicted);
-      matcher_.align(views, queries_, starts_, view, kAlignment, &alignments_);
-    } else {
-      align_open_queries(views, view, found);
-    }
+    align_open_queries(views, view, found);
     aligned_.clear();
     aligned_point_.clear();
     clear_observations();

@@ -136,8 +136,7 @@ void Odometry::go_through_waiting() {
 
 FramePosed Odometry::pose_of(int number) const {
   const FrameRecord& frame = frames_[number];
-  const Rigid3 rig_from_world =
-      frame.rig_from_keyframe * segments_[frame.segment].map.keyframes[frame.keyframe].rig_from_world;
+  const Rigid3 rig_from_world = present_pose(frame, segments_[frame.segment].map);
   return {number, frame.segment, rig_from_world.inverse(),
           covariance_in_world(rig_from_world, frame.covariance)};
 }
@@ -186,7 +185,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     settle_until(views.front().frame);
   }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
-  observer_->world_started({static_cast<int>(segments_.size()) - 1, start.summary});
+  observer_->world_started({world(), start.summary});
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
   pose_copies(views);
@@ -194,9 +193,8 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
   previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
   const FrameRecord& before = frames_[chosen[2] - 1];
-  if (before.segment + 1 == static_cast<int>(segments_.size())) {
-    const Rigid3 rig_from_world =
-        before.rig_from_keyframe * segment().map.keyframes[before.keyframe].rig_from_world;
+  if (before.segment == world()) {
+    const Rigid3 rig_from_world = present_pose(before, segment().map);
     previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
     previous_->interval = third->view->timestamp - before.timestamp;
   }
@@ -266,7 +264,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
       continue;
     }
     record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
-    observer_->keyframe_added({views[i].frame, static_cast<int>(segments_.size()) - 1, next});
+    observer_->keyframe_added({views[i].frame, world(), next});
     local = make_local_map(map, segment().views, rig_, next, kReach);
     ++next;
   }
@@ -297,7 +295,7 @@ void Odometry::pose_copies(const std::vector<WaitingView>& views) {
     if (copy.same_as < 0) continue;
     const FrameRecord& original = frames_[views[copy.same_as].frame];
     FrameRecord& frame = frames_[copy.frame];
-    if (frame.segment >= 0 || original.segment + 1 != static_cast<int>(segments_.size())) continue;
+    if (frame.segment >= 0 || original.segment != world()) continue;
     ++posed_;
     frame.segment = original.segment;
     frame.keyframe = original.keyframe;
@@ -414,23 +412,22 @@ double Odometry::mean_keyframe_distance() const {
 
 // Returns the factor by which that rescaled the map.
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
-  const int world = static_cast<int>(segments_.size()) - 1;
   const double rescaled = segment().map.rescaled;
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
-  rescale_frames(world, factor);
+  rescale_frames(world(), factor);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
   record(view->frame, at_keyframe, keyframe);
-  observer_->keyframe_added({view->frame, world, keyframe});
+  observer_->keyframe_added({view->frame, world(), keyframe});
   forget_old_views();
   const int first_moved = settled_before_;
   const int settled = keyframe - options_.window;
   if (keyframe >= options_.global_until && settled >= 0) {
     settle_until(segment().map.keyframes[settled + 1].frame);
   }
-  observer_->map_adjusted({world, first_moved, view->frame, factor});
+  observer_->map_adjusted({world(), first_moved, view->frame, factor});
   set_anchor(keyframe);
   return factor;
 }
@@ -470,7 +467,7 @@ void Odometry::record(int number, const Localisation& pose, int keyframe) {
   FrameRecord& frame = frames_[number];
   const bool is_new = frame.segment < 0;
   posed_ += is_new;
-  frame.segment = static_cast<int>(segments_.size()) - 1;
+  frame.segment = world();
   frame.keyframe = keyframe;
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
   frame.covariance = pose.covariance;
@@ -486,7 +483,7 @@ void Odometry::settle(int segment, FrameRecord* frame) {
   if (frame->matches.empty()) return;
   const Map& map = segments_[segment].map;
   const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
-  Rigid3 pose = frame->rig_from_keyframe * keyframe.rig_from_world;
+  Rigid3 pose = present_pose(*frame, map);
   const bool is_keyframe = &frames_[keyframe.frame] == frame;
   if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
     frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
@@ -516,7 +513,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   segment().end_reason = reason;
   frames_[view->frame].reason = "track lost: " + reason;
   explain_blindness(*view);
-  observer_->track_lost({view->frame, static_cast<int>(segments_.size()) - 1, frames_[view->frame].reason});
+  observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
   previous_.reset();
   starter_.emplace(rig_, options_);
   start(view);
@@ -545,7 +542,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
   if (!recognised(pose, options_)) return false;
-  observer_->track_found({view->frame, static_cast<int>(segments_.size()) - 1, keyframe});
+  observer_->track_found({view->frame, world(), keyframe});
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);

@@ -69,7 +69,6 @@ class Odometry {
   OdometryTimings timings() const;
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
-  bool tracking() const { return previous_.has_value(); }
   int frames() const { return static_cast<int>(frames_.size()); }
 
  private:
@@ -99,6 +98,12 @@ class Odometry {
   };
 
   SegmentState& segment() { return segments_.back(); }
+  int world() const { return static_cast<int>(segments_.size()) - 1; }  // of the newest segment
+  bool tracking() const { return previous_.has_value(); }
+  // rig_from_world of a frame, as its key frame stands now in the map of its segment.
+  static Rigid3 present_pose(const FrameRecord& frame, const Map& map) {
+    return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
+  }
 
   ViewPtr detected(const ViewPtr& view);
   void go_through_waiting();
@@ -136,7 +141,7 @@ class Odometry {
   void release_views();
   Reconstruction assemble(std::vector<Map> maps) const;
   double assemble_map(int number, Map map, Reconstruction* out) const;
-  int assemble_summary(int number, double scale_sigma, Reconstruction* out) const;
+  Segment summary_of(int number, double scale_sigma) const;
 
   OdometryOptions options_;
   TrackingRig rig_;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/scene/worlds.h"
 
 namespace raysfm {
 namespace {
@@ -45,20 +46,20 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
     frame.reason = f.reason;
     frame.segment = f.segment;
     if (f.segment < 0) continue;
-    const Rigid3 rig_from_world = f.rig_from_keyframe * maps[f.segment].keyframes[f.keyframe].rig_from_world;
+    const Rigid3 rig_from_world = present_pose(f, maps[f.segment]);
     frame.world_from_rig = rig_from_world.inverse();
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);
   }
   reserve_for(maps, &out);
   double squares = 0;
-  int most_posed = 0;
   for (int s = 0; s < static_cast<int>(maps.size()); ++s) {
-    const int posed = assemble_summary(s, maps[s].scale_sigma, &out);
+    out.segments.push_back(summary_of(s, maps[s].scale_sigma));
+    out.starts.push_back(segments_[s].start);
     squares += assemble_map(s, std::exchange(maps[s], {}), &out);
-    if (posed <= most_posed) continue;
-    most_posed = posed;
-    out.metric_scale = out.segments.back().metric_scale;
-    out.scale_sigma = out.segments.back().scale_sigma;
+  }
+  if (const std::vector<int> worlds = worlds_in_order(out); !worlds.empty()) {
+    out.metric_scale = out.segments[worlds[0]].metric_scale;
+    out.scale_sigma = out.segments[worlds[0]].scale_sigma;
   }
   if (!out.observations.empty()) {
     out.rms_reprojection_px = std::sqrt(squares / static_cast<double>(out.observations.size()));
@@ -97,20 +98,15 @@ double Odometry::assemble_map(int number, Map map, Reconstruction* out) const {
   return squares;
 }
 
-// How many of the segment's frames are posed.
-int Odometry::assemble_summary(int number, double scale_sigma, Reconstruction* out) const {
+Segment Odometry::summary_of(int number, double scale_sigma) const {
   Segment segment{-1, -1, segments_[number].end_reason, scale_sigma < kMetric, {}};
   if (std::isfinite(scale_sigma)) segment.scale_sigma = scale_sigma;
-  int posed = 0;
   for (size_t i = 0; i < frames_.size(); ++i) {
     if (frames_[i].segment != number) continue;
-    ++posed;
     if (segment.first < 0) segment.first = static_cast<int>(i);
     segment.last = static_cast<int>(i);
   }
-  out->segments.push_back(segment);
-  out->starts.push_back(segments_[number].start);
-  return posed;
+  return segment;
 }
 
 }  // namespace raysfm

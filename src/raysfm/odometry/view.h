@@ -24,11 +24,9 @@ namespace raysfm {
 
 constexpr int kOctavesWithFeatures = 2;  // from the first on, of each picture
 
-// The image of one camera: everything that later stages need of it. Pixels are those of the image as taken,
-// whatever the octave (features/octaves.h) that something was found in. It is filled in two steps, look() and
-// detect(), of which a view that is only posed needs the first alone.
-struct CameraView {
-  GrayImage image;  // until look(), which moves it into the octaves
+// What the first step, look(), makes of the image of one camera: all that a view needs that is only posed.
+// Copies share the pictures.
+struct CameraImage {
   int width = 0, height = 0;
   std::shared_ptr<const Octaves> octaves;
   std::shared_ptr<const GrayImage> thumbnail;
@@ -36,6 +34,12 @@ struct CameraView {
   // Of the picture in which this image begins at `origin`; let go by detect(). Null where it is grey.
   std::shared_ptr<const ColorPlanes> colors;
   Eigen::Vector2i origin = Eigen::Vector2i::Zero();
+};
+
+// The image of one camera: everything that later stages need of it. Pixels are those of the image as taken,
+// whatever the octave (features/octaves.h) that something was found in.
+struct CameraView : CameraImage {
+  GrayImage image;  // until look(), which moves it into the octaves
 
   // By detect():
   Features features;

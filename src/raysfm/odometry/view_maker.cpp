@@ -24,14 +24,7 @@ std::shared_ptr<View> looked_at(const View& view) {
   copy->name = view.name;
   copy->detect_ms = view.detect_ms;
   for (const CameraView& camera : view.cameras) {
-    CameraView& image = copy->cameras.emplace_back();
-    image.width = camera.width;
-    image.height = camera.height;
-    image.octaves = camera.octaves;
-    image.thumbnail = camera.thumbnail;
-    image.thumbnail_scale = camera.thumbnail_scale;
-    image.colors = camera.colors;
-    image.origin = camera.origin;
+    copy->cameras.emplace_back().CameraImage::operator=(camera);
   }
   return copy;
 }
