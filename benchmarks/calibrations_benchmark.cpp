@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "raysfm/io/camera_file.h"
+#include "raysfm/camera_files/camera_file.h"
 #include "support/shared_data.h"
 
 namespace raysfm {

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/io/camera_file.h"
-#include "raysfm/io/frame_set.h"
+#include "raysfm/camera_files/camera_file.h"
+#include "raysfm/frames/frame_set.h"
 #include "raysfm/odometry/tracker.h"
 
 namespace {

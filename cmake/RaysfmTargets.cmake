@@ -47,6 +47,15 @@ function(raysfm_add_library folder)
   endif()
 endfunction()
 
+# raysfm_loads(FOLDER part...): who links the folder's library links these parts of it too, but for a program that sets
+# RAYSFM_LOADS_MODULES: that defines their functions itself.
+function(raysfm_loads folder)
+  foreach(part ${ARGN})
+    target_link_libraries(raysfm_${folder} INTERFACE
+      $<$<NOT:$<BOOL:$<TARGET_PROPERTY:RAYSFM_LOADS_MODULES>>>:$<TARGET_NAME:raysfm_${part}>>)
+  endforeach()
+endfunction()
+
 function(raysfm_compile_options target)
   target_compile_options(${target} PRIVATE -Wall -Wextra)
   # GCC 12 sees copies that overlap inside std::string where there are none (GCC bug 105651).

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <opencv2/videoio.hpp>
 
-#include "raysfm/io/camera_file.h"
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/odometry/tracker.h"
 
 int main(int argc, char** argv) {

@@ -7,7 +7,7 @@
 
 #include "commands.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/output_folder.h"
+#include "raysfm/results/output_folder.h"
 #include "setting_flags.h"
 #include "terminal.h"
 

@@ -7,15 +7,15 @@
 #include <memory>
 
 #include "commands.h"
-#include "raysfm/api/camera_check.h"
+#include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/camera/fit_model.h"
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/camera_convert.h"
-#include "raysfm/io/camera_file.h"
-#include "raysfm/io/camera_plot.h"
-#include "raysfm/io/frame_source.h"
-#include "raysfm/io/image_file.h"
+#include "raysfm/camera_files/camera_convert.h"
+#include "raysfm/camera_files/camera_file.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/frames/frame_source.h"
+#include "raysfm/frames/image_file.h"
+#include "raysfm/plots/camera_plot.h"
 
 namespace raysfm::app {
 namespace {

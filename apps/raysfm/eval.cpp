@@ -10,9 +10,9 @@
 
 #include "commands.h"
 #include "raysfm/eval/trajectory_error.h"
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/plot.h"
-#include "raysfm/io/trajectory_file.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/plots/plot.h"
+#include "raysfm/results/trajectory_file.h"
 
 namespace raysfm::app {
 namespace {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "commands.h"
-#include "raysfm/io/output_folder.h"
+#include "raysfm/results/output_folder.h"
 #include "setting_flags.h"
 #include "terminal.h"
 

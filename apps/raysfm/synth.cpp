@@ -11,9 +11,9 @@
 #include <thread>
 
 #include "commands.h"
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/camera_file.h"
-#include "raysfm/io/image_writer.h"
+#include "raysfm/frames/image_writer.h"
 #include "raysfm/synth/motion.h"
 #include "raysfm/synth/sequence.h"
 #include "raysfm/worlds/world.h"

@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cstring>
 
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/camera_file.h"
-#include "raysfm/io/image_writer.h"
-#include "raysfm/io/trajectory_file.h"
+#include "raysfm/camera_files/camera_file.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/frames/image_writer.h"
+#include "raysfm/results/trajectory_file.h"
 
 namespace raysfm::app {
 namespace {

@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
-#include "raysfm/io/output_folder.h"
+#include "raysfm/results/output_folder.h"
 #include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
 #include "terminal.h"

@@ -5,7 +5,7 @@
 
 #include "raysfm/api/track.h"
 #include "raysfm/eval/trajectory_error.h"
-#include "raysfm/io/frame_set.h"
+#include "raysfm/frames/frame_set.h"
 #include "raysfm/odometry/tracker.h"
 
 namespace {

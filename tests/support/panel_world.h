@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "raysfm/odometry/view.h"
+#include "raysfm/views/view.h"
 #include "support/texture.h"
 
 namespace raysfm::testing_support {

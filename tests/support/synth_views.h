@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/odometry/view.h"
 #include "raysfm/synth/sequence.h"
+#include "raysfm/views/view.h"
 #include "support/panel_world.h"
 
 namespace raysfm::testing_support {

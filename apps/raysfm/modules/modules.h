@@ -3,13 +3,13 @@
 // What the program loads when it is needed, and not with every start: OpenCV and FFmpeg bring some three
 // hundred shared libraries. Each module exports one table of functions of the library.
 
-#include "raysfm/io/camera_plot.h"
-#include "raysfm/io/image_writer.h"
-#include "raysfm/io/lens_plot.h"
-#include "raysfm/io/other_image.h"
-#include "raysfm/io/photo_features.h"
-#include "raysfm/io/plot.h"
-#include "raysfm/io/video_source.h"
+#include "raysfm/frames/image_writer.h"
+#include "raysfm/frames/other_image.h"
+#include "raysfm/frames/video_source.h"
+#include "raysfm/matching/photo_features.h"
+#include "raysfm/plots/camera_plot.h"
+#include "raysfm/plots/lens_plot.h"
+#include "raysfm/plots/plot.h"
 
 namespace raysfm::app {
 

@@ -10,10 +10,10 @@
 
 #include "raysfm/api/config.h"
 #include "raysfm/bundle/bundle_methods.h"
+#include "raysfm/colmap_bal/bal_file.h"
+#include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
-#include "raysfm/io/bal_file.h"
-#include "raysfm/io/colmap_model.h"
 
 namespace raysfm {
 

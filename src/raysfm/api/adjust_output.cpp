@@ -4,9 +4,9 @@
 #include <system_error>
 
 #include "raysfm/api/adjust_model.h"
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/output_folder.h"
-#include "raysfm/io/ply_file.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/results/output_folder.h"
+#include "raysfm/results/ply_file.h"
 
 namespace raysfm {
 namespace {

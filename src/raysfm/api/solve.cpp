@@ -12,7 +12,7 @@
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/tracks_file.h"
+#include "raysfm/results/tracks_file.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/uncalibrated/known_structure.h"
 #include "raysfm/uncalibrated/pose_covariance.h"

@@ -7,9 +7,9 @@
 #include <string_view>
 #include <unordered_map>
 
-#include "raysfm/io/frame_source.h"
-#include "raysfm/io/text_file.h"
-#include "raysfm/io/tracks_file.h"
+#include "raysfm/files/text_file.h"
+#include "raysfm/frames/frame_source.h"
+#include "raysfm/results/tracks_file.h"
 
 namespace raysfm {
 namespace {

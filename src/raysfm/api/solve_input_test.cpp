@@ -7,7 +7,7 @@
 #include <fstream>
 
 #include "raysfm/api/solve_photos.h"
-#include "raysfm/io/image_writer.h"
+#include "raysfm/frames/image_writer.h"
 #include "support/temporary_folder.h"
 #include "support/test_scenes.h"
 

@@ -6,14 +6,14 @@
 #include <system_error>
 
 #include "raysfm/api/solve.h"
-#include "raysfm/io/atomic_file.h"
-#include "raysfm/io/colmap_model.h"
-#include "raysfm/io/covariance_file.h"
-#include "raysfm/io/lens_file.h"
-#include "raysfm/io/lens_plot.h"
-#include "raysfm/io/output_folder.h"
-#include "raysfm/io/ply_file.h"
-#include "raysfm/io/trajectory_file.h"
+#include "raysfm/colmap_bal/colmap_model.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/plots/lens_plot.h"
+#include "raysfm/results/covariance_file.h"
+#include "raysfm/results/lens_file.h"
+#include "raysfm/results/output_folder.h"
+#include "raysfm/results/ply_file.h"
+#include "raysfm/results/trajectory_file.h"
 
 namespace raysfm {
 namespace {

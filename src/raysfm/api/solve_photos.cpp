@@ -10,8 +10,8 @@
 
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/median.h"
-#include "raysfm/io/frame_source.h"
-#include "raysfm/io/photo_features.h"
+#include "raysfm/frames/frame_source.h"
+#include "raysfm/matching/photo_features.h"
 #include "raysfm/projective/view_pair.h"
 
 namespace raysfm {

@@ -5,8 +5,8 @@
 
 #include <fstream>
 
-#include "raysfm/io/colmap_model.h"
-#include "raysfm/io/text_file.h"
+#include "raysfm/colmap_bal/colmap_model.h"
+#include "raysfm/files/text_file.h"
 #include "support/shared_data.h"
 #include "support/test_scenes.h"
 

@@ -6,8 +6,8 @@
 
 #include "raysfm/api/view_stream.h"
 #include "raysfm/core/thread_pool.h"
-#include "raysfm/io/frame_source.h"
-#include "raysfm/io/image_file.h"
+#include "raysfm/frames/frame_source.h"
+#include "raysfm/frames/image_file.h"
 
 namespace raysfm {
 namespace {

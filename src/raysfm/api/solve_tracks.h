@@ -3,9 +3,9 @@
 #include <deque>
 #include <vector>
 
-#include "raysfm/api/corner_aligner.h"
 #include "raysfm/api/solve_input.h"
-#include "raysfm/odometry/pair_tracker.h"
+#include "raysfm/matching/corner_aligner.h"
+#include "raysfm/matching/pair_tracker.h"
 
 namespace raysfm {
 

@@ -5,15 +5,15 @@
 #include <algorithm>
 #include <optional>
 
-#include "raysfm/api/camera_check.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/view_stream.h"
+#include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
-#include "raysfm/io/camera_file.h"
-#include "raysfm/io/frame_source.h"
-#include "raysfm/io/image_file.h"
+#include "raysfm/frames/frame_source.h"
+#include "raysfm/frames/image_file.h"
 #include "raysfm/odometry/tracker.h"
 
 namespace raysfm {

@@ -7,8 +7,8 @@
 
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
-#include "raysfm/io/report_file.h"
 #include "raysfm/odometry/options.h"
+#include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {

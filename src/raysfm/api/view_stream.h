@@ -12,8 +12,8 @@
 
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
-#include "raysfm/io/frame_set.h"
-#include "raysfm/odometry/view_maker.h"
+#include "raysfm/frames/frame_set.h"
+#include "raysfm/views/view_maker.h"
 
 namespace raysfm {
 

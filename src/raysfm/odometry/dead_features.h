@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "raysfm/odometry/view.h"
 #include "raysfm/scene/map.h"
+#include "raysfm/views/view.h"
 
 namespace raysfm {
 

@@ -4,7 +4,7 @@
 
 #include <numeric>
 
-#include "raysfm/odometry/across_matcher.h"
+#include "raysfm/matching/across_matcher.h"
 
 namespace raysfm {
 namespace {

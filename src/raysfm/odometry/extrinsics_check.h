@@ -3,8 +3,8 @@
 #include <optional>
 #include <string>
 
-#include "raysfm/odometry/tracking_rig.h"
-#include "raysfm/odometry/view.h"
+#include "raysfm/views/tracking_rig.h"
+#include "raysfm/views/view.h"
 
 namespace raysfm {
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "raysfm/core/timer.h"
-#include "raysfm/odometry/guided_matcher.h"
+#include "raysfm/matching/guided_matcher.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/scene/map.h"

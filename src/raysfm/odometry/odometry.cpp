@@ -10,8 +10,8 @@
 
 #include "raysfm/core/median.h"
 #include "raysfm/core/memory.h"
-#include "raysfm/odometry/blindness.h"
 #include "raysfm/odometry/dead_features.h"
+#include "raysfm/views/blindness.h"
 
 namespace raysfm {
 namespace {

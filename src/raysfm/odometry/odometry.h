@@ -12,8 +12,8 @@
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/relocaliser.h"
 #include "raysfm/odometry/starter.h"
-#include "raysfm/odometry/view_maker.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/view_maker.h"
 
 namespace raysfm {
 

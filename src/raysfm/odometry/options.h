@@ -4,16 +4,9 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/robust/generic_start.h"
+#include "raysfm/views/tracking_rig.h"
 
 namespace raysfm {
-
-// What is minimised: the difference of pixels, or the angle between rays (LBA09 3.2), which every camera has.
-enum class ErrorMeasure : uint8_t {
-  kAuto,  // pixels where all cameras of the rig can project, else angles
-  kPixel,
-  kAngular,       // angles, each weighted to what it is in pixels where it was observed
-  kAngularPlain,  // angles as they are, as in the paper
-};
 
 // Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
 struct OdometryOptions {

@@ -4,9 +4,9 @@
 #include <cctype>
 
 #include "raysfm/eval/trajectory_error.h"
-#include "raysfm/io/frame_set.h"
-#include "raysfm/io/trajectory_file.h"
+#include "raysfm/frames/frame_set.h"
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/results/trajectory_file.h"
 #include "support/shared_data.h"
 
 namespace raysfm {

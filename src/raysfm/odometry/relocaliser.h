@@ -5,8 +5,8 @@
 
 #include "raysfm/features/descriptor.h"
 #include "raysfm/odometry/localiser.h"
-#include "raysfm/odometry/view.h"
 #include "raysfm/scene/map.h"
+#include "raysfm/views/view.h"
 
 namespace raysfm {
 

@@ -4,8 +4,8 @@
 #include <Eigen/Cholesky>
 
 #include "raysfm/core/median.h"
+#include "raysfm/matching/pair_tracker.h"
 #include "raysfm/odometry/localiser.h"
-#include "raysfm/odometry/pair_tracker.h"
 #include "support/true_map.h"
 
 namespace raysfm {

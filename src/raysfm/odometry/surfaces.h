@@ -1,8 +1,8 @@
 #pragma once
 
-#include "raysfm/odometry/tracking_rig.h"
-#include "raysfm/odometry/view.h"
 #include "raysfm/scene/map.h"
+#include "raysfm/views/tracking_rig.h"
+#include "raysfm/views/view.h"
 
 namespace raysfm {
 

@@ -4,7 +4,7 @@
 
 #include <functional>
 
-#include "raysfm/odometry/guided_matcher.h"
+#include "raysfm/matching/guided_matcher.h"
 #include "raysfm/odometry/mapper.h"
 #include "support/panel_world.h"
 

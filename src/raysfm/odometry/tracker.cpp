@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "raysfm/odometry/extrinsics_check.h"
-#include "raysfm/odometry/sight_mask.h"
+#include "raysfm/views/sight_mask.h"
 
 namespace raysfm {
 namespace {

@@ -11,8 +11,8 @@
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/odometry/options.h"
-#include "raysfm/odometry/view_maker.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/view_maker.h"
 
 namespace raysfm {
 

@@ -1,0 +1,12 @@
+#pragma once
+
+#include "raysfm/camera/camera.h"
+#include "raysfm/files/config_field.h"
+
+namespace raysfm {
+
+// Reads the project's own camera file, `raysfm_camera: 1`. Every field is checked and unknown ones are
+// refused; the first problem goes to root.problem() and the returned rig is to be ignored then.
+Rig read_camera_yaml(const ConfigField& root);
+
+}  // namespace raysfm

@@ -1,0 +1,137 @@
+#include "raysfm/matching/pair_tracker.h"
+
+#include <algorithm>
+
+#include "raysfm/core/median.h"
+
+namespace raysfm {
+namespace {
+
+constexpr float kMinPairZncc = 0.8f;
+// Radius of the region of interest as a part of the image's width: at first, and once the motion is known.
+constexpr float kFirstRadius = 0.06f;
+constexpr float kRadius = 0.03f;
+constexpr float kMinCoarseZncc = 0.6f;
+constexpr float kTurnedShare = 0.5f;  // of the matches before: fewer ask for the motion of the whole image
+constexpr int kMaxMissed = 2;
+constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
+
+int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
+  const int column = std::clamp(static_cast<int>(pixel.x() / width * kColumns), 0, kColumns - 1);
+  const int row = std::clamp(static_cast<int>(pixel.y() / height * kRows), 0, kRows - 1);
+  return row * kColumns + column;
+}
+
+}  // namespace
+
+PairTracker::PairTracker(ViewPtr base, int camera) : base_(std::move(base)), newest_(base_), camera_(camera) {
+  place_ = this->base().features.pixels;
+  const size_t count = place_.size();
+  velocity_.assign(count, Eigen::Vector2f::Zero());
+  missed_.assign(count, 0);
+}
+
+// Where each corner should be: by its own motion, or by that of the image as a whole.
+void PairTracker::predict(const CameraView& next, const CoarseMotion* image_motion) {
+  const int width = next.width, height = next.height;
+  predicted_.resize(place_.size());
+  radius_.resize(place_.size());
+  for (size_t i = 0; i < place_.size(); ++i) {
+    const bool known = missed_[i] == 0 && views() > 0;
+    predicted_[i] = image_motion ? image_motion->apply(place_[i], width, height)
+                                 : Eigen::Vector2f(place_[i] + velocity_[i]);
+    radius_[i] =
+        missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * static_cast<float>(width);
+  }
+}
+
+// Patches of the base in the octaves that the next view has.
+const PatchSet& PairTracker::patches_for(const CameraView& next) {
+  const Features& features = base().features;
+  std::vector<int> others;
+  octave_.resize(features.size());
+  for (int i = 0; i < features.size(); ++i) {
+    octave_[i] = static_cast<uint8_t>(base().octaves->clamp(next.clamp_octave(features.octaves[i])));
+    if (octave_[i] != features.octaves[i]) others.push_back(i);
+  }
+  if (others.empty()) return base().patches;
+  other_patches_.resize(features.size());
+  for (int i = 0; i < features.size(); ++i) copy_patch(base().patches, i, i, &other_patches_);
+  PatchSet patch;
+  for (const int i : others) {
+    extract_patches(*base().octaves, octave_[i], std::span(&features.pixels[i], 1), &patch);
+    copy_patch(patch, 0, i, &other_patches_);
+  }
+  return other_patches_;
+}
+
+void PairTracker::match(const CameraView& next, const CoarseMotion* image_motion,
+                        std::vector<ZnccMatch>* found) {
+  predict(next, image_motion);
+  const PatchSet& patches = patches_for(next);
+  found->clear();
+  for (int octave = next.first_octave(); octave <= next.last_octave(); ++octave) {
+    radius_in_octave_ = radius_;
+    for (size_t i = 0; i < octave_.size(); ++i) {
+      if (octave_[i] != octave) radius_in_octave_[i] = 0;
+    }
+    matcher_.match(patches, predicted_, radius_in_octave_, next.patches, next.features.pixels,
+                   next.grid(octave), {.min_zncc = kMinPairZncc}, &found_in_octave_);
+    found->insert(found->end(), found_in_octave_.begin(), found_in_octave_.end());
+  }
+}
+
+int PairTracker::advance(ViewPtr next) {
+  const size_t expected = views() > 0 ? found_.size() : place_.size();
+  const CameraView& view = next->cameras[camera_];
+  match(view, nullptr, &found_);
+  // A camera that turns fast leaves every region of interest. Repeating texture can mislead the motion of the
+  // whole image, so it must find more than the corners' own motion does.
+  if (found_.size() < kTurnedShare * static_cast<float>(expected)) {
+    const CoarseMotion motion = coarse_motion(newest_->cameras[camera_], view);
+    if (motion.zncc > kMinCoarseZncc) match(view, &motion, &found_by_image_);
+    if (found_by_image_.size() > found_.size()) found_.swap(found_by_image_);
+    found_by_image_.clear();
+  }
+  update(view);
+  newest_ = std::move(next);
+  return static_cast<int>(found_.size());
+}
+
+void PairTracker::update(const CameraView& next) {
+  std::vector<int>& matches = matches_.emplace_back(place_.size(), -1);
+  for (const ZnccMatch& m : found_) matches[m.query] = m.train;
+
+  // Motion since the view before: the median of the matches of a cell, for those that were not matched.
+  const float width = static_cast<float>(next.width), height = static_cast<float>(next.height);
+  std::vector<float> du[kColumns * kRows], dv[kColumns * kRows], all_du, all_dv, displacement;
+  for (size_t i = 0; i < place_.size(); ++i) {
+    if (matches[i] < 0) continue;
+    const Eigen::Vector2f pixel = next.features.pixels[matches[i]];
+    const Eigen::Vector2f step = pixel - place_[i];
+    const int cell = cell_of(place_[i], width, height);
+    du[cell].push_back(step.x());
+    dv[cell].push_back(step.y());
+    all_du.push_back(step.x());
+    all_dv.push_back(step.y());
+    displacement.push_back((pixel - base().features.pixels[i]).norm());
+  }
+  const Eigen::Vector2f overall(median_of(&all_du), median_of(&all_dv));
+  Eigen::Vector2f motion[kColumns * kRows];
+  for (int c = 0; c < kColumns * kRows; ++c) {
+    motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median_of(&du[c]), median_of(&dv[c])) : overall;
+  }
+  median_displacement_ = median_of(&displacement);
+
+  for (size_t i = 0; i < place_.size(); ++i) {
+    const Eigen::Vector2f neighbours = motion[cell_of(place_[i], width, height)];
+    const bool seen = matches[i] >= 0;
+    const Eigen::Vector2f place =
+        seen ? next.features.pixels[matches[i]] : Eigen::Vector2f(place_[i] + neighbours);
+    velocity_[i] = seen ? Eigen::Vector2f(place - place_[i]) : neighbours;
+    missed_[i] = seen ? 0 : missed_[i] + 1;
+    place_[i] = place;
+  }
+}
+
+}  // namespace raysfm

@@ -1,0 +1,157 @@
+#include "raysfm/results/output_folder.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <system_error>
+
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/files/staged_folder.h"
+#include "raysfm/files/text_file.h"
+#include "raysfm/results/world_writers.h"
+#include "raysfm/scene/worlds.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr const char *kReport = "report.json", *kFailed = "failed.json", *kConfig = "config.yaml";
+
+void append(const PosedFrame& frame, Trajectory* trajectory) {
+  if (!frame.world_from_rig) return;
+  trajectory->timestamps.push_back(frame.timestamp);
+  trajectory->world_from_cam.push_back(*frame.world_from_rig);
+}
+
+// Empty where there is none, null where it is no JSON.
+std::optional<Json> report_of(const fs::path& folder) {
+  std::error_code missing;
+  if (!fs::is_regular_file(folder / kReport, missing)) return std::nullopt;
+  const Result<std::string> text = read_text_file(folder / kReport, kMaxReportBytes);
+  Json json = text ? Json::parse(*text, nullptr, false) : Json();
+  return json.is_object() ? std::move(json) : Json();
+}
+
+// No report leads out of its folder.
+bool stays_below(const fs::path& name) {
+  return !name.empty() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end();
+}
+
+Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& folder) {
+  const std::vector<int> order = worlds_in_order(reconstruction);
+  // One world needs no second copy of itself.
+  if (reconstruction.segments.size() <= 1) return write_world(reconstruction, folder);
+  for (size_t i = 0; i < order.size(); ++i) {
+    const Reconstruction world = world_of(reconstruction, order[i]);
+    if (auto r = write_world(world, folder / world_folder(static_cast<int>(i))); !r) return r;
+  }
+  return {};
+}
+
+Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,
+                            const fs::path& folder) {
+  Result<void> written = write_worlds(reconstruction, folder);
+  if (written) written = write_file(folder / kConfig, config);
+  if (!written) return written;
+  report.files = files_with_report(folder);
+  return write_report(reconstruction, report, folder / kReport);
+}
+
+}  // namespace
+
+Trajectory posed_frames(const Reconstruction& reconstruction) {
+  Trajectory trajectory;
+  for (const PosedFrame& frame : reconstruction.frames) append(frame, &trajectory);
+  return trajectory;
+}
+
+Trajectory posed_keyframes(const Reconstruction& reconstruction) {
+  Trajectory trajectory;
+  for (const KeyFrame& keyframe : reconstruction.keyframes) {
+    append(reconstruction.frames[keyframe.frame], &trajectory);
+  }
+  return trajectory;
+}
+
+Result<void> prepare_output_folder(const fs::path& folder) {
+  if (auto created = create_folder(folder); !created) return created;
+  // Permission bits do not tell: root passes them and a read-only file system does not have them.
+  std::string probe = (folder / ".raysfm-XXXXXX").string();
+  const int file = ::mkstemp(probe.data());
+  if (file < 0) {
+    return bad_input(
+        fmt::format("{}: files cannot be written to this folder: {}", folder.string(), std::strerror(errno)));
+  }
+  ::close(file);
+  ::unlink(probe.c_str());
+  return {};
+}
+
+Result<void> check_output_folder(const fs::path& folder, std::span<const std::string> inputs) {
+  std::vector<std::string> replaced = files_of_result(folder);
+  replaced.insert(replaced.end(), {kReport, kFailed, kConfig});
+  for (const WorldWriter& writer : world_writers()) replaced.push_back(writer.name);
+  for (const std::string& name : replaced) {
+    if (auto r = check_not_input("--out", folder / name, inputs); !r) return r;
+  }
+  return {};
+}
+
+bool holds_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report) return false;
+  const auto posed =
+      report->is_object() ? report->value(Json::json_pointer("/frames/posed"), Json()) : Json();
+  return !posed.is_number() || posed > 0;
+}
+
+std::vector<std::string> files_of_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report || !report->is_object()) return {};
+  std::vector<std::string> files = {kFailed};
+  // Version 0.1.0 of `solve` did not list its files.
+  if (report->contains("lens") && !report->contains("files")) {
+    files.insert(files.end(), {"lens.csv", "lens.png"});
+  }
+  for (const Json& name : report->value("files", Json::array())) {
+    if (name.is_string() && stays_below(name.get<std::string>())) files.push_back(name.get<std::string>());
+  }
+  return files;
+}
+
+Result<void> replace_output_folder(const fs::path& folder,
+                                   const std::function<Result<void>(const fs::path& folder)>& write) {
+  Result<StagedFolder> staged = StagedFolder::create(folder);
+  if (!staged) return staged.error();
+  Result<void> written = write(staged->path());
+  if (written) written = staged->commit(files_of_result(folder), kReport);
+  return written ? written : staged->in_place(written.error());
+}
+
+std::vector<std::string> files_with_report(const fs::path& folder) {
+  std::vector<std::string> files = files_below(folder);
+  files.push_back(kReport);
+  return files;
+}
+
+Result<bool> write_output_folder(const Reconstruction& reconstruction, Report report,
+                                 const std::string& config, const fs::path& folder) {
+  if (posed_count(reconstruction) == 0 && holds_result(folder)) {
+    if (auto r = write_report(reconstruction, report, folder / kFailed); !r) return r.error();
+    return false;
+  }
+  const Result<void> replaced = replace_output_folder(folder, [&](const fs::path& staged) {
+    return write_contents(reconstruction, std::move(report), config, staged);
+  });
+  return replaced ? Result<bool>(true) : replaced.error();
+}
+
+}  // namespace raysfm

@@ -1,0 +1,193 @@
+#include "raysfm/results/reconstruction_folder.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "raysfm/colmap_bal/colmap_model.h"
+#include "raysfm/files/text_file.h"
+#include "raysfm/results/covariance_file.h"
+#include "raysfm/results/ply_file.h"
+#include "raysfm/results/report_file.h"
+#include "raysfm/results/trajectory_file.h"
+
+namespace raysfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::optional<double> share(const Json& percent) {
+  return percent.is_null() ? std::nullopt : std::optional<double>(percent.get<double>() / 100);
+}
+
+void read_report(const Json& report, Reconstruction* r) {
+  r->metric_scale = report.at("scale") == "metric";
+  r->scale_sigma = share(report.at("scale_sigma_percent"));
+  r->rms_reprojection_px = report.at("rms_reprojection_px");
+  for (const Json& s : report.at("segments")) {
+    r->segments.push_back({s.at("first"), s.at("last"), s.at("reason"), s.at("scale") == "metric",
+                           share(s.at("scale_sigma_percent"))});
+  }
+  for (const Json& s : report.at("starts")) {
+    r->starts.push_back({s.at("method"), s.at("frames"), s.at("inliers")});
+  }
+}
+
+// Frames with a pose lie between those without, of which the report has the numbers.
+void place_frames(const Json& frames, std::vector<PosedFrame> posed, Reconstruction* r) {
+  std::map<size_t, PosedFrame> without;
+  for (const Json& f : frames.at("without_pose")) {
+    PosedFrame& frame = without[f.at("index")];
+    frame.timestamp = f.at("timestamp");
+    frame.image_name = f.at("image");
+    frame.reason = f.at("reason");
+  }
+  std::ranges::stable_sort(posed, {}, &PosedFrame::timestamp);
+  auto next = posed.begin();
+  while (next != posed.end() || without.contains(r->frames.size())) {
+    const auto missing = without.find(r->frames.size());
+    r->frames.push_back(missing != without.end() ? std::move(missing->second) : std::move(*next++));
+  }
+}
+
+Result<void> read_frames(const fs::path& folder, int segment, std::vector<PosedFrame>* frames) {
+  const Result<Trajectory> trajectory = read_trajectory(folder / "trajectory.txt");
+  if (!trajectory) return trajectory.error();
+  const Result<std::vector<Matrix6d>> covariances = read_covariance_csv(folder / "covariance.csv");
+  if (!covariances) return covariances.error();
+  if (static_cast<int>(covariances->size()) != trajectory->size()) {
+    return bad_input(fmt::format("{}: {} lines, trajectory.txt has {}", (folder / "covariance.csv").string(),
+                                 covariances->size(), trajectory->size()));
+  }
+  for (int i = 0; i < trajectory->size(); ++i) {
+    PosedFrame& frame = frames->emplace_back();
+    frame.timestamp = trajectory->timestamps[i];
+    frame.segment = segment;
+    frame.world_from_rig = trajectory->world_from_cam[i];
+    frame.covariance = (*covariances)[i];
+  }
+  return {};
+}
+
+// Frames of the key frames in a world, by their timestamps.
+Result<std::vector<int>> keyframes_in(const fs::path& folder, const Reconstruction& r) {
+  const Result<Trajectory> keyframes = read_trajectory(folder / "keyframes.txt");
+  if (!keyframes) return keyframes.error();
+  std::vector<int> frames;
+  for (const double timestamp : keyframes->timestamps) {
+    const auto frame = std::ranges::lower_bound(r.frames, timestamp, {}, &PosedFrame::timestamp);
+    if (frame == r.frames.end() || frame->timestamp != timestamp) {
+      return bad_input(fmt::format("{}: {} is not in trajectory.txt", (folder / "keyframes.txt").string(),
+                                   timestamp_text(timestamp)));
+    }
+    frames.push_back(static_cast<int>(frame - r.frames.begin()));
+  }
+  return frames;
+}
+
+// The cameras, seen from the rig of the first key frame.
+Result<void> read_rig(const ColmapModel& model, const Rigid3& world_from_rig, Rig* rig) {
+  for (size_t c = 0; c < model.cameras.size(); ++c) {
+    const ColmapCamera& colmap = model.cameras[c];
+    Result<CameraModel> converted = camera_model_from_colmap(colmap.model, colmap.parameters);
+    if (!converted) return converted.error();
+    Camera& camera = rig->cameras.emplace_back();
+    camera.model = *std::move(converted);
+    camera.width = static_cast<int>(colmap.width);
+    camera.height = static_cast<int>(colmap.height);
+    if (model.cameras.size() == 1) continue;
+    const ColmapImage& image = model.images[c];
+    camera.name = image.name.substr(0, image.name.find('/'));
+    camera.rig_from_cam = world_from_rig.inverse() * colmap_pose(image).inverse();
+  }
+  return {};
+}
+
+void read_observations(const ColmapModel& model, const std::vector<int>& frames, int first_point,
+                       Reconstruction* r) {
+  const size_t cameras = model.cameras.size();
+  for (size_t k = 0; k < frames.size(); ++k) {
+    KeyFrame keyframe{frames[k], static_cast<int>(r->observations.size()), 0};
+    for (size_t i = k * cameras; i < (k + 1) * cameras; ++i) {
+      const ColmapImage& image = model.images[i];
+      r->frames[frames[k]].image_name =
+          cameras == 1 ? image.name : image.name.substr(image.name.find('/') + 1);
+      for (size_t p = image.first_keypoint; p < image.last_keypoint; ++p) {
+        const ColmapKeypoint& seen = model.keypoints[p];
+        r->observations.push_back({first_point + static_cast<int>(seen.point_id) - 1,
+                                   image.camera,
+                                   {seen.x - kColmapPixelOrigin, seen.y - kColmapPixelOrigin}});
+      }
+    }
+    keyframe.last_observation = static_cast<int>(r->observations.size());
+    r->keyframes.push_back(keyframe);
+  }
+}
+
+Result<void> read_map(const fs::path& folder, int segment, Reconstruction* r) {
+  const Result<std::vector<int>> frames = keyframes_in(folder, *r);
+  if (!frames) return frames.error();
+  const Result<std::vector<MapPoint>> points = read_points_ply(folder / "points.ply");
+  if (!points) return points.error();
+  const int first = static_cast<int>(r->points.size());
+  for (const MapPoint& point : *points) {
+    r->points.push_back(point);
+    r->points.back().segment = segment;
+  }
+  if (!is_colmap_model(folder / "sparse")) {
+    for (const int frame : *frames) r->keyframes.push_back({.frame = frame});
+    return {};
+  }
+  const Result<ColmapModel> model = read_colmap_model(folder / "sparse");
+  if (!model) return model.error();
+  const auto fits = [&](const ColmapPoint& p) { return p.id >= 1 && p.id <= points->size(); };
+  if (model->images.size() != frames->size() * model->cameras.size() ||
+      !std::ranges::all_of(model->points, fits)) {
+    return bad_input(
+        fmt::format("{}: does not fit to keyframes.txt and points.ply", (folder / "sparse").string()));
+  }
+  for (const ColmapPoint& p : model->points) r->points[first + p.id - 1].position = p.position;
+  if (r->rig.cameras.empty() && !frames->empty()) {
+    if (auto rig = read_rig(*model, *r->frames[frames->front()].world_from_rig, &r->rig); !rig) return rig;
+  }
+  read_observations(*model, *frames, first, r);
+  return {};
+}
+
+Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
+  Reconstruction r;
+  read_report(report, &r);
+  std::map<int, fs::path> worlds;  // by segment
+  for (const Json& world : report.at("worlds")) {
+    worlds[world.at("segments").at(0)] = folder / world.at("folder").get<std::string>();
+  }
+  std::vector<PosedFrame> posed;
+  for (const auto& [segment, path] : worlds) {
+    if (auto read = read_frames(path, segment, &posed); !read) return read.error();
+  }
+  place_frames(report.at("frames"), std::move(posed), &r);
+  for (const auto& [segment, path] : worlds) {
+    if (auto read = read_map(path, segment, &r); !read) return read.error();
+  }
+  return r;
+}
+
+}  // namespace
+
+Result<Reconstruction> read_reconstruction(const fs::path& folder) {
+  const fs::path path = folder / "report.json";
+  const Result<std::string> text = read_text_file(path, kMaxReportBytes);
+  if (!text) return text.error();
+  try {
+    return read_all(folder, Json::parse(*text));
+  } catch (const Json::exception& e) {
+    return bad_input(fmt::format("{}: not the report of a run of `track`: {}", path.string(), e.what()));
+  }
+}
+
+}  // namespace raysfm

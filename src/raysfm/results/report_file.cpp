@@ -1,0 +1,131 @@
+#include "raysfm/results/report_file.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/results/world_writers.h"
+#include "raysfm/scene/worlds.h"
+
+namespace raysfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json frames_json(const std::vector<PosedFrame>& frames, int in_input) {
+  Json without_pose = Json::array();
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (frames[i].world_from_rig) continue;
+    without_pose.push_back({{"index", i},
+                            {"timestamp", frames[i].timestamp},
+                            {"image", frames[i].image_name},
+                            {"reason", frames[i].reason}});
+  }
+  const size_t posed = frames.size() - without_pose.size();
+  return {{"total", frames.size()},
+          {"in_input", in_input >= 0 ? Json(in_input) : Json()},
+          {"posed", posed},
+          {"without_pose", std::move(without_pose)}};
+}
+
+const char* scale_word(bool metric) {
+  return metric ? "metric" : "arbitrary";
+}
+
+Json percent(const std::optional<double>& part) {
+  return part ? Json(100 * *part) : Json();
+}
+
+Json segments_json(const std::vector<Segment>& segments) {
+  Json list = Json::array();
+  for (const Segment& s : segments) {
+    list.push_back({{"first", s.first},
+                    {"last", s.last},
+                    {"reason", s.reason},
+                    {"scale", scale_word(s.metric_scale)},
+                    {"scale_sigma_percent", percent(s.scale_sigma)}});
+  }
+  return list;
+}
+
+Json worlds_json(const Reconstruction& r) {
+  std::vector<int> frames(r.segments.size(), 0), keyframes = frames, points = frames;
+  for (const PosedFrame& f : r.frames) {
+    if (f.world_from_rig && f.segment >= 0) ++frames[f.segment];
+  }
+  for (const KeyFrame& k : r.keyframes) {
+    if (r.frames[k.frame].segment >= 0) ++keyframes[r.frames[k.frame].segment];
+  }
+  for (const MapPoint& p : r.points) {
+    if (p.segment < static_cast<int>(points.size())) ++points[p.segment];
+  }
+  Json list = Json::array();
+  for (const int s : worlds_in_order(r)) {
+    list.push_back({{"folder", world_folder(static_cast<int>(list.size())).string()},
+                    {"frames", frames[s]},
+                    {"keyframes", keyframes[s]},
+                    {"points", points[s]},
+                    {"segments", {s}},
+                    {"scale", scale_word(r.segments[s].metric_scale)},
+                    {"scale_sigma_percent", percent(r.segments[s].scale_sigma)}});
+  }
+  return list;
+}
+
+Json starts_json(const std::vector<StartSummary>& starts) {
+  Json list = Json::array();
+  for (const StartSummary& s : starts) {
+    list.push_back({{"method", s.method}, {"frames", s.frames}, {"inliers", s.inliers}});
+  }
+  return list;
+}
+
+Json timing_json(const Report& report) {
+  Json timing = Json::object();
+  for (const auto& [name, stage] : report.stages) {
+    timing[name] = {{"mean_ms", stage.mean_ms()},
+                    {"median_ms", stage.median_ms()},
+                    {"max_ms", stage.max_ms},
+                    {"count", stage.count}};
+  }
+  timing["wall_s"] = report.wall_s;
+  timing["frames_per_second"] = report.frames_per_second;
+  timing["peak_rss_mib"] = report.peak_rss_mib;
+  return timing;
+}
+
+}  // namespace
+
+std::string report_json(const Reconstruction& reconstruction, const Report& report) {
+  const Json starts = starts_json(reconstruction.starts);
+  Json json;
+  json["version"] = report.version;
+  json["seed"] = report.seed;
+  json["input"] = report.input;
+  json["interrupted"] = report.interrupted;
+  json["camera_class"] = report.camera_class;
+  json["error"] = report.error;
+  json["scale"] = scale_word(reconstruction.metric_scale);
+  json["scale_sigma_percent"] = percent(reconstruction.scale_sigma);
+  json["frames"] = frames_json(reconstruction.frames, report.frames_in_input);
+  json["keyframes"] = reconstruction.keyframes.size();
+  json["points"] = reconstruction.points.size();
+  json["observations"] = reconstruction.observations.size();
+  json["rms_reprojection_px"] = reconstruction.rms_reprojection_px;
+  json["worlds"] = worlds_json(reconstruction);
+  json["closures"] = Json::array();
+  json["segments"] = segments_json(reconstruction.segments);
+  json["start"] = starts.empty() ? Json() : starts.front();
+  json["starts"] = starts;
+  json["timing"] = timing_json(report);
+  json["files"] = report.files;
+  // Names of files need not be UTF-8.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+Result<void> write_report(const Reconstruction& reconstruction, const Report& report,
+                          const std::filesystem::path& path) {
+  return write_file(path, report_json(reconstruction, report));
+}
+
+}  // namespace raysfm
