@@ -1,90 +1,118 @@
 #include "raysfm/features/sharpness.h"
 
 #include <algorithm>
-#include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <vector>
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raysfm/features/sharpness.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef RAYSFM_FEATURES_SHARPNESS_ONCE
+#define RAYSFM_FEATURES_SHARPNESS_ONCE
 namespace raysfm {
 namespace {
 
-constexpr int kLines = 40;      // of each direction
-constexpr int kContrast = 24;   // grey levels: well above the noise of a camera
-constexpr size_t kEnough = 20;  // edges of each direction
-constexpr double kQuantile = 0.25;
+constexpr int kEdgeLines = 40;       // of each direction
+constexpr int kEdgeLanes = 48;       // lines that are walked side by side, those beyond kEdgeLines level
+constexpr int kContrast = 24;        // grey levels: well above the noise of a camera
+constexpr size_t kEnoughEdges = 20;  // of each direction
+constexpr double kWidthQuantile = 0.25;
+
+// First pixel of each line, and how many there are, `step` bytes apart.
+struct EdgeLines {
+  const uint8_t* first[kEdgeLines];
+  int length;
+  ptrdiff_t step;
+};
+
+}  // namespace
+}  // namespace raysfm
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace raysfm {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+const hn::CappedTag<int16_t, 16> kShorts;
 
 // Monotonous runs of many lines that are walked side by side: most runs are noise and a few pixels long, and
 // no branch may depend on where a single one ends.
-class Runs {
+class EdgeRuns {
  public:
-  using Lines = std::array<const uint8_t*, kLines>;
-  explicit Runs(const Lines& lines) : lines_(lines) {
-    for (int k = 0; k < kLines; ++k) before_[k] = lines[k][0];
-  }
+  // Pixels of the lines, kEdgeLanes.
+  explicit EdgeRuns(const uint8_t* first) { std::copy_n(first, kEdgeLanes, before_); }
 
-  void step_to(ptrdiff_t offset) {
-    for (int k = 0; k < kLines; ++k) {
-      const int16_t value = lines_[k][offset];
-      slope_[k] = static_cast<int16_t>(value - before_[k]);
-      before_[k] = value;
-    }
-  }
-  void step_out() { slope_.fill(0); }
-
-  // Adds the widths of the runs that end before the step. A step of height A blurred by a Gaussian has the
-  // slope A / (sigma sqrt(2 pi)) where it is steepest.
-  void collect(std::vector<float>* widths) const {
-    constexpr float kInverseRoot2Pi = 0.39894228f;
-    std::array<int16_t, kLines> ends;
-    int16_t any = 0;
-    for (int k = 0; k < kLines; ++k) {
-      const bool is_edge = (height_[k] >= kContrast) | (height_[k] <= -kContrast);
-      ends[k] = is_edge & !goes_on(k) ? -1 : 0;
-      any |= ends[k];
-    }
-    for (int k = 0; k < kLines && any != 0; ++k) {
-      if (ends[k] == 0) continue;
-      widths->push_back(kInverseRoot2Pi * static_cast<float>(height_[k]) / static_cast<float>(steepest_[k]));
-    }
-  }
-
-  void take_step() {
-    for (int k = 0; k < kLines; ++k) {
-      const int16_t d = slope_[k], s = steepest_[k];
-      const int16_t on = goes_on(k) ? -1 : 0;
-      const int16_t steeper = ((d > s) & (d > -s)) | ((d < s) & (d < -s)) ? -1 : 0;
-      const auto keeps = static_cast<int16_t>(on & ~steeper);
-      height_[k] = static_cast<int16_t>((height_[k] & on) + d);
-      steepest_[k] = static_cast<int16_t>((s & keeps) | (d & ~keeps));
+  // To the next pixel of each line. A run goes on where the step has its sign.
+  HWY_INLINE void step_to(const uint8_t* next_pixels, std::vector<float>* widths) {
+    const hn::Rebind<uint8_t, decltype(kShorts)> bytes;
+    const auto zero = hn::Zero(kShorts);
+    for (int k = 0; k < kEdgeLanes; k += static_cast<int>(hn::Lanes(kShorts))) {
+      const auto next = hn::PromoteTo(kShorts, hn::LoadU(bytes, next_pixels + k));
+      const auto slope = hn::Sub(next, hn::Load(kShorts, before_ + k));
+      const auto height = hn::Load(kShorts, height_ + k), steepest = hn::Load(kShorts, steepest_ + k);
+      const auto level = hn::Or(hn::Eq(slope, zero), hn::Eq(height, zero));
+      const auto ends = hn::Or(hn::Lt(hn::Xor(slope, height), zero), level);
+      const auto is_edge = hn::And(ends, hn::Gt(hn::Abs(height), hn::Set(kShorts, kContrast - 1)));
+      if (!hn::AllFalse(kShorts, is_edge)) collect(k, is_edge, widths);
+      const auto restarts = hn::Or(ends, hn::Gt(hn::Abs(slope), hn::Abs(steepest)));
+      hn::Store(hn::Add(slope, hn::IfThenZeroElse(ends, height)), kShorts, height_ + k);
+      hn::Store(hn::IfThenElse(restarts, slope, steepest), kShorts, steepest_ + k);
+      hn::Store(next, kShorts, before_ + k);
     }
   }
 
  private:
-  bool goes_on(int k) const {
-    const int16_t h = height_[k], d = slope_[k];
-    return ((d > 0) & (h > 0)) | ((d < 0) & (h < 0));
+  // Adds the widths of runs. A step of height A blurred by a Gaussian has the slope A / (sigma sqrt(2 pi))
+  // where it is steepest.
+  template <class M>
+  void collect(int k, M is_edge, std::vector<float>* widths) const {
+    constexpr float kInverseRoot2Pi = 0.39894228f;
+    uint8_t bytes[8] = {};
+    hn::StoreMaskBits(kShorts, is_edge, bytes);
+    for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1) {
+      const int i = k + std::countr_zero(bits);
+      widths->push_back(kInverseRoot2Pi * static_cast<float>(height_[i]) / static_cast<float>(steepest_[i]));
+    }
   }
 
-  Lines lines_;
-  std::array<int16_t, kLines> before_{}, slope_{};     // pixel, and the step from it to the next
-  std::array<int16_t, kLines> height_{}, steepest_{};  // of the run up to that pixel
+  alignas(64) int16_t before_[kEdgeLanes] = {};
+  alignas(64) int16_t height_[kEdgeLanes] = {}, steepest_[kEdgeLanes] = {};  // of the run up to `before_`
 };
 
-void collect_widths(const Runs::Lines& lines, int count, ptrdiff_t step, std::vector<float>* widths) {
-  Runs runs(lines);
-  for (int i = 1; i < count; ++i) {
-    runs.step_to(i * step);
-    runs.collect(widths);
-    runs.take_step();
+void edge_widths(const EdgeLines lines, std::vector<float>* widths) {
+  uint8_t next[kEdgeLanes] = {};
+  const auto look_at = [&](ptrdiff_t offset) {
+    for (int k = 0; k < kEdgeLines; ++k) next[k] = lines.first[k][offset];
+  };
+  look_at(0);
+  EdgeRuns runs(next);
+  for (int i = 1; i < lines.length; ++i) {
+    look_at(i * lines.step);
+    runs.step_to(next, widths);
   }
-  runs.step_out();
-  runs.collect(widths);
+  runs.step_to(next, widths);  // level: every run ends
 }
 
+}  // namespace HWY_NAMESPACE
+}  // namespace raysfm
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace raysfm {
+
+HWY_EXPORT(edge_widths);
+
+namespace {
+
 float quantile(std::vector<float>* values) {
-  if (values->size() < kEnough) return 0;
-  const auto at = values->begin() + static_cast<ptrdiff_t>(kQuantile * static_cast<double>(values->size()));
+  if (values->size() < kEnoughEdges) return 0;
+  const auto at =
+      values->begin() + static_cast<ptrdiff_t>(kWidthQuantile * static_cast<double>(values->size()));
   std::nth_element(values->begin(), at, values->end());
   return *at;
 }
@@ -92,17 +120,18 @@ float quantile(std::vector<float>* values) {
 }  // namespace
 
 float edge_width(const GrayView& image) {
-  Runs::Lines rows, columns;
-  for (int k = 0; k < kLines; ++k) {
-    rows[k] = image.row((2 * k + 1) * image.height / (2 * kLines));
-    columns[k] = image.data + (2 * k + 1) * image.width / (2 * kLines);
+  EdgeLines rows{{}, image.width, 1}, columns{{}, image.height, image.stride};
+  for (int k = 0; k < kEdgeLines; ++k) {
+    rows.first[k] = image.row((2 * k + 1) * image.height / (2 * kEdgeLines));
+    columns.first[k] = image.data + (2 * k + 1) * image.width / (2 * kEdgeLines);
   }
   std::vector<float> across, down;
-  collect_widths(rows, image.width, 1, &across);
-  collect_widths(columns, image.height, image.stride, &down);
+  HWY_DYNAMIC_DISPATCH(edge_widths)(rows, &across);
+  HWY_DYNAMIC_DISPATCH(edge_widths)(columns, &down);
   const float u = quantile(&across), v = quantile(&down);
   // A picture of stripes tells one direction only.
   return u > 0 && v > 0 ? std::sqrt(u * v) : std::max(u, v);
 }
 
 }  // namespace raysfm
+#endif  // HWY_ONCE

@@ -15,6 +15,9 @@ constexpr float kMinCoarseZncc = 0.6f;
 constexpr float kTurnedShare = 0.5f;  // of the matches before: fewer ask for the motion of the whole image
 constexpr int kMaxMissed = 2;
 constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
+constexpr size_t kEnoughInCell = 5;     // matches that tell it
+// Of the corners of a cell: where fewer are matched, the others may have moved in another way.
+constexpr float kForeseenShare = 0.5f;
 
 int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
   const int column = std::clamp(static_cast<int>(pixel.x() / width * kColumns), 0, kColumns - 1);
@@ -24,11 +27,14 @@ int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
 
 }  // namespace
 
-PairTracker::PairTracker(ViewPtr base, int camera) : base_(std::move(base)), newest_(base_), camera_(camera) {
+PairTracker::PairTracker(ViewPtr base, int camera, int every)
+    : base_(std::move(base)), newest_(base_), camera_(camera), every_(every) {
   place_ = this->base().features.pixels;
   const size_t count = place_.size();
   velocity_.assign(count, Eigen::Vector2f::Zero());
-  missed_.assign(count, 0);
+  missed_.assign(count, kMaxMissed + 1);
+  for (size_t i = 0; i < count; i += every_) missed_[i] = 0;
+  foreseen_.assign(count, 0);
 }
 
 // Where each corner should be: by its own motion, or by that of the image as a whole.
@@ -37,11 +43,10 @@ void PairTracker::predict(const CameraView& next, const CoarseMotion* image_moti
   predicted_.resize(place_.size());
   radius_.resize(place_.size());
   for (size_t i = 0; i < place_.size(); ++i) {
-    const bool known = missed_[i] == 0 && views() > 0;
     predicted_[i] = image_motion ? image_motion->apply(place_[i], width, height)
                                  : Eigen::Vector2f(place_[i] + velocity_[i]);
     radius_[i] =
-        missed_[i] > kMaxMissed ? 0.0f : (known ? kRadius : kFirstRadius) * static_cast<float>(width);
+        missed_[i] > kMaxMissed ? 0.0f : (foreseen_[i] ? kRadius : kFirstRadius) * static_cast<float>(width);
   }
 }
 
@@ -82,7 +87,7 @@ void PairTracker::match(const CameraView& next, const CoarseMotion* image_motion
 }
 
 int PairTracker::advance(ViewPtr next) {
-  const size_t expected = views() > 0 ? found_.size() : place_.size();
+  const size_t expected = views() > 0 ? found_.size() : place_.size() / every_;
   const CameraView& view = next->cameras[camera_];
   match(view, nullptr, &found_);
   // A camera that turns fast leaves every region of interest. Repeating texture can mislead the motion of the
@@ -95,7 +100,7 @@ int PairTracker::advance(ViewPtr next) {
   }
   update(view);
   newest_ = std::move(next);
-  return static_cast<int>(found_.size());
+  return every_ * static_cast<int>(found_.size());
 }
 
 void PairTracker::update(const CameraView& next) {
@@ -105,11 +110,14 @@ void PairTracker::update(const CameraView& next) {
   // Motion since the view before: the median of the matches of a cell, for those that were not matched.
   const float width = static_cast<float>(next.width), height = static_cast<float>(next.height);
   std::vector<float> du[kColumns * kRows], dv[kColumns * kRows], all_du, all_dv, displacement;
+  int corners[kColumns * kRows] = {};
   for (size_t i = 0; i < place_.size(); ++i) {
+    if (missed_[i] > kMaxMissed) continue;
+    const int cell = cell_of(place_[i], width, height);
+    ++corners[cell];
     if (matches[i] < 0) continue;
     const Eigen::Vector2f pixel = next.features.pixels[matches[i]];
     const Eigen::Vector2f step = pixel - place_[i];
-    const int cell = cell_of(place_[i], width, height);
     du[cell].push_back(step.x());
     dv[cell].push_back(step.y());
     all_du.push_back(step.x());
@@ -118,14 +126,20 @@ void PairTracker::update(const CameraView& next) {
   }
   const Eigen::Vector2f overall(median_of(&all_du), median_of(&all_dv));
   Eigen::Vector2f motion[kColumns * kRows];
+  bool foreseen[kColumns * kRows];
   for (int c = 0; c < kColumns * kRows; ++c) {
-    motion[c] = du[c].size() >= 5 ? Eigen::Vector2f(median_of(&du[c]), median_of(&dv[c])) : overall;
+    foreseen[c] = du[c].size() >= std::max(static_cast<float>(kEnoughInCell),
+                                           kForeseenShare * static_cast<float>(corners[c]));
+    motion[c] =
+        du[c].size() >= kEnoughInCell ? Eigen::Vector2f(median_of(&du[c]), median_of(&dv[c])) : overall;
   }
   median_displacement_ = median_of(&displacement);
 
   for (size_t i = 0; i < place_.size(); ++i) {
-    const Eigen::Vector2f neighbours = motion[cell_of(place_[i], width, height)];
+    const int cell = cell_of(place_[i], width, height);
+    const Eigen::Vector2f neighbours = motion[cell];
     const bool seen = matches[i] >= 0;
+    foreseen_[i] = seen || foreseen[cell];
     const Eigen::Vector2f place =
         seen ? next.features.pixels[matches[i]] : Eigen::Vector2f(place_[i] + neighbours);
     velocity_[i] = seen ? Eigen::Vector2f(place - place_[i]) : neighbours;

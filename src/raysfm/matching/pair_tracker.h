@@ -13,9 +13,11 @@ namespace raysfm {
 // later is mostly something else.
 class PairTracker {
  public:
-  PairTracker(ViewPtr base, int camera);
+  // Follows every `every`-th corner of the base, >= 1: more than one where only their number is asked for.
+  PairTracker(ViewPtr base, int camera, int every = 1);
 
-  // Matches the base with the view that follows those seen so far; returns the number of corners matched.
+  // Matches the base with the view that follows those seen so far; returns the number of corners matched, by
+  // those that are followed.
   int advance(ViewPtr next);
 
   const CameraView& base() const { return base_->cameras[camera_]; }
@@ -37,12 +39,13 @@ class PairTracker {
   void update(const CameraView& next);
 
   ViewPtr base_, newest_;
-  int camera_;
+  int camera_, every_;
   ZnccMatcher matcher_;
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature
   std::vector<Eigen::Vector2f> velocity_;  // pixels per view
   std::vector<int> missed_;                // views in a row without a match
+  std::vector<uint8_t> foreseen_;          // whether it was seen, or enough of its neighbours were
   std::vector<Eigen::Vector2f> predicted_;
   std::vector<float> radius_, radius_in_octave_;
   std::vector<uint8_t> octave_;  // of the next view, in which each feature is looked for

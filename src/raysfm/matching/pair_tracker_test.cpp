@@ -50,6 +50,20 @@ TEST(PairTracker, FollowsCornersThatSpeedUpBeyondTheFirstRegionOfInterest) {
   }
 }
 
+// Stands for all in the number of matches, while what is not followed has none.
+TEST(PairTracker, EveryThirdCornerTellsHowManyMatchThereAre) {
+  const ViewPtr base = shifted_view(0, 0, 0);
+  PairTracker all(base, 0), sample(base, 0, 3);
+  for (int k = 1; k <= 6; ++k) {
+    const ViewPtr view = shifted_view(k, 3.0 * k, 1.0 * k);
+    const int expected = all.advance(view), told = sample.advance(view);
+    EXPECT_NEAR(told, expected, 0.15 * expected) << k;
+    for (int f = 0; f < base->cameras[0].features.size(); ++f) {
+      if (f % 3 != 0) EXPECT_EQ(sample.matches(k - 1)[f], -1);
+    }
+  }
+}
+
 TEST(PairTracker, AStillCameraHasNoDisplacement) {
   PairTracker tracker(shifted_view(0, 0, 0), 0);
   tracker.advance(shifted_view(1, 0, 0));

@@ -140,19 +140,25 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                            const LocalMap& local, const View& view, const Rigid3& rig_from_world,
                            float radius, int step) {
   const Rigid3 cam_from_world = rig_.cam_from_rig(camera) * rig_from_world;
+  const Eigen::Matrix3d cam_from_world_rotation = cam_from_world.rotation.toRotationMatrix();
   int keyframe = -1, source = -1;
-  Rigid3 source_from_world, cam_from_source;
+  Eigen::Matrix3d source_rotation = Eigen::Matrix3d::Identity();  // world_from_source, with the next
+  Eigen::Vector3d source_in_world = Eigen::Vector3d::Zero();
+  Rigid3 cam_from_source;
   for (size_t i = 0; i < local.points.size(); i += step) {
     const LocalPoint& p = local.points[i];
     if (p.keyframe != keyframe || views[keyframe].cameras[p.feature] != source) {
       keyframe = p.keyframe;
       source = views[keyframe].cameras[p.feature];
-      source_from_world = rig_.cam_from_rig(source) * map.keyframes[keyframe].rig_from_world;
-      cam_from_source = cam_from_world * source_from_world.inverse();
+      const Rigid3 world_from_source =
+          (rig_.cam_from_rig(source) * map.keyframes[keyframe].rig_from_world).inverse();
+      cam_from_source = cam_from_world * world_from_source;
+      source_rotation = world_from_source.rotation.toRotationMatrix();
+      source_in_world = world_from_source.translation;
     }
     const Eigen::Vector3d& position = map.tracks[p.track].position;
     const Eigen::Vector3d origin = views[keyframe].origins[p.feature].cast<double>();
-    const double distance = (source_from_world * position - origin).norm();
+    const double distance = (position - source_in_world - source_rotation * origin).norm();
     PatchQuery query{.keyframe = p.keyframe,
                      .feature = p.feature,
                      .camera = camera,
@@ -160,7 +166,8 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                      .point = static_cast<int>(i),
                      .radius = radius};
     if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source,
-                       cam_from_world * position, view.cameras[camera], &query)) {
+                       cam_from_world_rotation * position + cam_from_world.translation, view.cameras[camera],
+                       &query)) {
       continue;
     }
     if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned

@@ -270,6 +270,23 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
   }
 }
 
+const Mapper::WorldFromCam& Mapper::world_from_cam(const Map& map, int keyframe, int camera) {
+  const size_t index = static_cast<size_t>(keyframe) * rig_.size() + camera;
+  if (index >= world_from_cams_.size()) world_from_cams_.resize(map.keyframes.size() * rig_.size());
+  WorldFromCam& pose = world_from_cams_[index];
+  if (!pose.is_known) {
+    const Rigid3 p = map.keyframes[keyframe].rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
+    pose = {true, p.rotation.toRotationMatrix(), p.translation};
+    known_cams_.push_back(index);
+  }
+  return pose;
+}
+
+void Mapper::forget_cams() {
+  for (const size_t index : known_cams_) world_from_cams_[index].is_known = false;
+  known_cams_.clear();
+}
+
 // The rays of a track in the world. Returns the largest standard deviation of their pixels.
 float Mapper::gather_rays(const Map& map, const Track& track) {
   rays_.clear();
@@ -280,8 +297,8 @@ float Mapper::gather_rays(const Map& map, const Track& track) {
     const Camera& camera = rig_.camera(k.cameras[o.feature]);
     Ray ray;
     if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
-    const Rigid3 world_from_cam = k.rig_from_world.inverse() * camera.rig_from_cam;
-    rays_.push_back({world_from_cam * ray.origin, world_from_cam.rotation * ray.direction});
+    const WorldFromCam& pose = world_from_cam(map, o.keyframe, k.cameras[o.feature]);
+    rays_.push_back({pose.rotation * ray.origin + pose.translation, pose.rotation * ray.direction});
   }
   return sigma;
 }
@@ -300,6 +317,7 @@ bool Mapper::triangulate_track(const Map& map, Track* track) {
 void Mapper::triangulate_tracks(int keyframe, Map* map) {
   int known = 0;
   candidates_.clear();
+  forget_cams();
   for (const int t : map->keyframes[keyframe].tracks) {
     if (t < 0) continue;
     const Track& track = map->tracks[t];

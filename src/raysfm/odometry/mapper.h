@@ -53,10 +53,18 @@ class Mapper {
     int track;
   };
 
+  struct WorldFromCam {
+    bool is_known = false;
+    Eigen::Matrix3d rotation;
+    Eigen::Vector3d translation;
+  };
+
   void follow_in(int camera, int from, int to, const View& view, Map* map,
                  std::span<const KeyFrameView> views);
   void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);
+  const WorldFromCam& world_from_cam(const Map& map, int keyframe, int camera);
+  void forget_cams();
   float gather_rays(const Map& map, const Track& track);
   bool triangulate_track(const Map& map, Track* track);
   void refit_surfaces(const Map& map, std::vector<KeyFrameView>* views);
@@ -78,6 +86,8 @@ class Mapper {
   std::vector<Eigen::Vector2f> starts_;
   std::vector<AlignedPatch> alignments_;
   std::vector<Ray> rays_;
+  std::vector<WorldFromCam> world_from_cams_;  // of each key frame, as far as they were asked for
+  std::vector<size_t> known_cams_;
   std::vector<Candidate> candidates_;
 
   // The window as flat arrays, and where its elements came from.

@@ -358,40 +358,36 @@ void Odometry::track(ViewPtr view) {
                        : pose.reason);
     return;
   }
-  if (needs_keyframe(view->frame, pose)) {
-    const bool previous_is_keyframe = segment().map.keyframes.back().frame == previous_->view->frame;
-    if (previous_is_keyframe) {
-      view = detected(view);
-      promote(view, pose);
-      const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
-      pose.rig_from_world = keyframes.back().rig_from_world;
-      previous_->pose.rig_from_world = keyframes[keyframes.size() - 2].rig_from_world;
-    } else {
-      Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
-      previous_->view = detected(previous_->view);
-      step.translation *= promote(previous_->view, previous_->pose);
-      previous_->pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
-      const Rigid3 predicted = step * previous_->pose.rig_from_world;
-      pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
-      if (!convincing(pose)) pose = localise(&view);
-      if (!believable(pose)) {
-        lose(view, "the new key frame does not see what the frame sees");
-        return;
-      }
+  const bool needed = needs_keyframe(pose);
+  if (needed && segment().map.keyframes.back().frame != previous_->view->frame) {
+    Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
+    previous_->view = detected(previous_->view);
+    step.translation *= promote(previous_->view, previous_->pose);
+    const Rigid3 predicted = step * previous_->pose.rig_from_world;
+    pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
+    if (!convincing(pose)) pose = localise(&view);
+    if (!believable(pose)) {
+      lose(view, "the new key frame does not see what the frame sees");
+      return;
     }
+  } else if (needed || has_moved_on(view->frame, pose)) {
+    view = detected(view);
+    promote(view, pose);
+    pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
   }
   accept(view, std::move(pose));
 }
 
-bool Odometry::needs_keyframe(int frame, const Localisation& pose) const {
-  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
-  if (pose.matched_with_anchor < enough) return true;
+bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
   const MapKeyFrame& anchor = segments_.back().map.keyframes[local_.anchor];
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
-  if (frame - anchor.frame > kMinKeyFrameGap &&
-      step.translation.norm() > kKeyFrameBaseline * anchor_distance_) {
-    return true;
-  }
+  return frame - anchor.frame >= kMinKeyFrameGap &&
+         step.translation.norm() > kKeyFrameBaseline * anchor_distance_;
+}
+
+bool Odometry::needs_keyframe(const Localisation& pose) const {
+  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
+  if (pose.matched_with_anchor < enough) return true;
   const Eigen::Matrix3d position =
       covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();
   const double semi_axis =
@@ -420,6 +416,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
   record(view->frame, at_keyframe, keyframe);
+  previous_->pose.rig_from_world = present_pose(frames_[previous_->view->frame], segment().map);
   observer_->keyframe_added({view->frame, world(), keyframe});
   forget_old_views();
   const int first_moved = settled_before_;

@@ -126,7 +126,8 @@ class Odometry {
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
-  bool needs_keyframe(int frame, const Localisation& pose) const;
+  bool has_moved_on(int frame, const Localisation& pose) const;
+  bool needs_keyframe(const Localisation& pose) const;
   double promote(const ViewPtr& view, const Localisation& pose);
   void rescale_frames(int segment, double factor);
   void accept(const ViewPtr& view, Localisation pose);

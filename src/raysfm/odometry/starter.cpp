@@ -28,15 +28,16 @@ constexpr int kPatience = 15, kBetweenTries = 5;
 constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
 // What the images of waiting views may take: when they take more, every second of the older ones goes.
 constexpr size_t kWaitingBytes = size_t{56} << 20, kNewViews = 8;
+constexpr int kSampled = 3;  // corners of the second view, of which only the matches' number is asked for
 constexpr int kSeenCorners = 400;  // that stand for a released view, of each camera
 constexpr float kStill = 0.3f,
                 kAlike = 0.99f;  // pixels of the octave, and correlation, of views that are copies
 // An image this much softer than one just before it is no good for a key frame.
 constexpr float kMuchSofter = 1.25f;
 
-std::vector<PairTracker> trackers_from(const ViewPtr& view) {
+std::vector<PairTracker> trackers_from(const ViewPtr& view, int every) {
   std::vector<PairTracker> trackers;
-  for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) trackers.emplace_back(view, c);
+  for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) trackers.emplace_back(view, c, every);
   return trackers;
 }
 
@@ -99,7 +100,7 @@ void Starter::restart(int first) {
   second_ = -1;
   next_ = first + 1;
   tried_at_ = 0;
-  from_first_ = trackers_from(views_[first].view);
+  from_first_ = trackers_from(views_[first].view, 1);
   from_second_.clear();
 }
 
@@ -225,7 +226,7 @@ std::optional<Start> Starter::step(Mapper& mapper) {
       return is_worth_a_try(current) ? attempt(kept_near((first_ + current) / 2), current, mapper)
                                      : std::nullopt;
     second_ = kept_near(sharpest_until(std::max(current - 1, first_ + 1), first_));
-    from_second_ = trackers_from(views_[second_].view);
+    from_second_ = trackers_from(views_[second_].view, kSampled);
     if (second_ == current) return std::nullopt;
   }
   const int with_second = advance(from_second_, view);
