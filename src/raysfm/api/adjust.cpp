@@ -117,7 +117,7 @@ void tell_what_is_left_out(const AdjustOutcome& c, const EventSink& event) {
   }
 }
 
-Report report_of(const AdjustSettings& settings, const AdjustOutcome& outcome, bool bal) {
+Report adjust_report(const AdjustSettings& settings, const AdjustOutcome& outcome, bool bal) {
   const BundleSummary& s = outcome.summary;
   Report report;
   report.seed = settings.seed;
@@ -189,7 +189,7 @@ Result<AdjustResult> adjust(const AdjustSettings& settings, const AdjustCallback
     return no_reconstruction(
         fmt::format("{}: nothing to adjust, no observed point is in view of its camera", settings.input));
   }
-  AdjustResult result{*std::move(model), {}, report_of(settings, outcome, !is_folder(settings.input))};
+  AdjustResult result{*std::move(model), {}, adjust_report(settings, outcome, !is_folder(settings.input))};
   result.reconstruction = std::visit([](const auto& m) { return reconstruction_of(m); }, result.model);
   result.reconstruction.rms_reprojection_px = outcome.final_rms_px;
   result.report.adjustment->read_s = read_s;
