@@ -88,7 +88,7 @@ struct Reconstruction {
   double rms_reprojection_px = 0;    // over `observations`
 };
 
-// Camera `camera` of the rig in this frame: its own lens where it has one.
+// Camera `camera` of the rig in this frame: its own lens where it has one. There must be one of the two.
 inline const Camera& camera_of(const Reconstruction& reconstruction, const PosedFrame& frame, int camera) {
   return frame.lens >= 0 ? reconstruction.lenses[frame.lens].camera : reconstruction.rig.cameras[camera];
 }
