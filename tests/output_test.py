@@ -13,7 +13,9 @@ import tempfile
 import time
 import unittest
 
+import adjust_test
 import program
+import solve_test
 from program import ProgramTest, run
 
 MOMENTS = int(os.environ.get("RAYSFM_MOMENTS", 20))
@@ -169,6 +171,23 @@ class OlderResult(OutputTest):
         self.file("out/lens.csv", "mine")
         self.assertEqual(self.track().returncode, 0)
         self.assertEqual((self.out / "lens.csv").read_text(), "mine")
+
+    def test_each_command_leaves_its_own_files_and_those_of_the_user(self):
+        tracks = self.file("tracks.csv", solve_test.text(solve_test.Scene().rows(lambda j: 700 + 60 * j)))
+        problem = self.file("problem.txt", adjust_test.Bal(noise=0.5).text())
+        self.file("out/notes.txt", "mine")
+        common = {"config.yaml", "points.ply", "report.json"}
+        posed = common | {"trajectory.txt", "keyframes.txt", "covariance.csv", "sparse/cameras.bin", "sparse/images.bin",
+                          "sparse/points3D.bin"}
+        solve, adjust, track = ("solve", tracks, "--size", "800x600"), ("adjust", problem), ("track", STREET)
+        for command, files in ((solve, posed | {"lens.csv", "lens.png"}), (adjust, common | {"problem.txt"}), (track, posed),
+                               (adjust, common | {"problem.txt"}), (solve, posed | {"lens.csv", "lens.png"})):
+            done = run(*command, "--out", self.out, "--quiet")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            report = self.report()
+            self.assertEqual(report["command"], command[0])
+            self.assertEqual(set(report["files"]), files)
+            self.assertEqual(set(contents(self.out)), files | {"notes.txt"})
 
     def test_a_report_reaches_no_file_outside(self):
         outside = self.file("outside.txt", "mine")

@@ -4,6 +4,9 @@ import csv
 import json
 import math
 import random
+import shutil
+import subprocess
+import unittest
 
 import program
 from program import ProgramTest, run
@@ -91,6 +94,32 @@ class SolveTest(ProgramTest):
         self.assertIn("zooming", json.dumps(report["lens"]))
         for j, lens in enumerate(lenses):
             self.assertAlmostEqual(float(lens["fx"]) / focal(j), 1, delta=0.02)
+
+    def test_the_report_has_all_digits_of_the_lenses(self):
+        for focal, count in ((lambda j: 700 + 60 * j, 9), (lambda j: 900, 1)):
+            report, lines = self.solved(text(Scene().rows(focal)))
+            self.assertEqual(len(report["lenses"]), count)
+            found = {}
+            for lens in report["lenses"]:
+                self.assertEqual(lens["resolution"], [WIDTH, HEIGHT])
+                for first, last in lens["frames"]:
+                    found |= {frame: lens for frame in range(first, last + 1)}
+            self.assertEqual(sorted(found), list(range(9)))
+            for frame, line in enumerate(lines):
+                numbers = [float(line[name]) for name in ("fx", "fy", "cx", "cy", "skew")]
+                self.assertEqual([round(v, 6) for v in found[frame]["value"]], numbers)
+                self.assertAlmostEqual(found[frame]["sigma"][0] / float(line["fx_sigma"]), 1, delta=1e-5)
+
+    @unittest.skipUnless(shutil.which("colmap"), "colmap is not installed")
+    def test_colmap_opens_the_model(self):
+        for focal, cameras in ((lambda j: 700 + 60 * j, 9), (lambda j: 900, 1)):
+            report, _ = self.solved(text(Scene().rows(focal)))
+            done = subprocess.run(["colmap", "model_analyzer", "--path", self.folder / "out/sparse"], capture_output=True,
+                                  text=True, check=True, timeout=60)
+            said = done.stdout + done.stderr
+            for what, count in (("Cameras", cameras), ("Registered images", 9), ("Points", report["points"]),
+                                ("Observations", report["observations"])):
+                self.assertRegex(said, rf"\b{what}: {count}\b")
 
     def test_trajectory_has_the_shape_of_the_truth(self):
         scene = Scene()

@@ -38,14 +38,14 @@ class ProgressPrinter : public ProgressLine {
 };
 
 void print_summary(const AdjustResult& result, const std::string& out) {
-  const AdjustCounts& c = result.counts;
-  const BundleSummary& s = result.summary;
-  std::printf("%d images, %d points, %d observations, %d dropped\n", c.images - c.images_left_out,
-              c.points - c.points_left_out, s.used_observations, s.dropped_observations);
-  std::printf("cost %.6e to %.6e, rms %.4g to %.4g px, %d iterations, %s\n", s.initial_cost, s.final_cost,
-              result.initial_rms_px, result.final_rms_px, s.iterations,
-              std::string(to_string(s.termination)).c_str());
-  std::printf("%.2f s, %.0f MiB; written to %s\n", s.solve_ms / 1000.0, result.peak_rss_mib, out.c_str());
+  const Reconstruction& r = result.reconstruction;
+  const ModelReport& m = *result.report.model;
+  const AdjustmentReport& a = *result.report.adjustment;
+  std::printf("%zu images, %zu points, %d observations, %d dropped\n", r.frames.size() - m.images_left_out,
+              r.points.size() - m.points_left_out, m.used_observations, m.dropped_observations);
+  std::printf("cost %.6e to %.6e, rms %.4g to %.4g px, %d iterations, %s\n", a.initial_cost, a.final_cost,
+              m.initial_rms_px, r.rms_reprojection_px, a.iterations, a.termination.c_str());
+  std::printf("%.2f s, %.0f MiB; written to %s\n", a.solve_s, result.report.peak_rss_mib, out.c_str());
 }
 
 Result<int> run(const Arguments& arguments, const CommonOptions& common) {
@@ -65,7 +65,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   if (auto r = write_adjust_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);
-  return result->interrupted ? stop.exit_code() : 0;
+  return result->report.interrupted ? stop.exit_code() : 0;
 }
 
 }  // namespace

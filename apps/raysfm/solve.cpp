@@ -1,15 +1,13 @@
 #include "raysfm/api/solve.h"
 
-#include <algorithm>
 #include <cstdio>
 #include <memory>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "commands.h"
 #include "raysfm/results/output_folder.h"
+#include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
 #include "terminal.h"
 
@@ -33,32 +31,32 @@ class ProgressPrinter : public ProgressLine {
   }
 };
 
-// Of the middle one of the frames with a pose, with its standard deviation.
-std::optional<std::pair<double, double>> focal_length(const SolveResult& result) {
-  std::vector<const SolvedFrame*> posed;
-  for (const SolvedFrame& frame : result.frames) {
-    if (frame.cam_from_world) posed.push_back(&frame);
+// Of the middle one of the frames with a pose.
+const FrameLens* middle_lens(const Reconstruction& r) {
+  std::vector<int> lenses;
+  for (const PosedFrame& frame : r.frames) {
+    if (frame.world_from_rig) lenses.push_back(frame.lens);
   }
-  if (posed.empty()) return {};
-  const SolvedFrame& middle = *posed[posed.size() / 2];
-  return std::pair(middle.lens.fx, middle.lens_sigma[0]);
+  return lenses.empty() ? nullptr : &r.lenses[lenses[lenses.size() / 2]];
+}
+
+void print_lens(const FrameLens& lens) {
+  std::printf("focal length %.1f px, standard deviation %.2g px, in the middle of the video\n",
+              lens_of(lens)->fx, lens.sigma[0]);
+  const RadialDistortion radial = radial_distortion_of(lens);
+  if (radial.none()) return;
+  std::printf("radial distortion k1 %.4f, standard deviation %.2g\n", radial.k1, lens.radial_sigma.k1);
 }
 
 void print_summary(const SolveResult& result, const std::string& out) {
-  const auto posed =
-      std::ranges::count_if(result.frames, [](const auto& f) { return f.cam_from_world.has_value(); });
-  std::printf("%td of %zu frames posed, %zu points, rms %.2f px\n", posed, result.frames.size(),
-              result.points.size(), result.rms_px);
-  std::printf("lens %s: %s\n", result.zooming ? "zooming" : "fixed", result.lens_evidence.c_str());
-  if (const auto f = focal_length(result)) {
-    std::printf("focal length %.1f px, standard deviation %.2g px, in the middle of the video\n", f->first,
-                f->second);
-  }
-  if (!result.radial.none()) {
-    std::printf("radial distortion k1 %.4f, standard deviation %.2g\n", result.radial.k1,
-                result.radial_sigma.k1);
-  }
-  std::printf("%.1f s, %.0f MiB; written to %s\n", result.wall_s, result.peak_rss_mib, out.c_str());
+  const Reconstruction& r = result.reconstruction;
+  const LensReport& lens = *result.report.lens;
+  std::printf("%d of %zu frames posed, %zu points, rms %.2f px\n", posed_count(r), r.frames.size(),
+              r.points.size(), r.rms_reprojection_px);
+  std::printf("lens %s: %s\n", lens.zooming ? "zooming" : "fixed", lens.evidence.c_str());
+  if (const FrameLens* middle = middle_lens(r)) print_lens(*middle);
+  std::printf("%.1f s, %.0f MiB; written to %s\n", result.report.wall_s, result.report.peak_rss_mib,
+              out.c_str());
 }
 
 Result<int> run(const Arguments& arguments, const CommonOptions& common) {
@@ -82,7 +80,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);
-  return result->interrupted ? stop.exit_code() : 0;
+  return result->report.interrupted ? stop.exit_code() : 0;
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <string>
 
 #include "raysfm/core/random.h"
@@ -65,6 +66,28 @@ inline Reconstruction small_reconstruction(const std::vector<CameraModel>& model
   r.segments.push_back({0, 11, "end of input", false, {}});
   r.starts.push_back({"five-point", {0, 3, 6}, 87});
   r.rms_reprojection_px = 0.25;
+  return r;
+}
+
+// The same frames and points as `solve` would give them: a lens for each frame where it zooms, else one, with
+// numbers that no fixed count of digits holds.
+inline Reconstruction small_solved_reconstruction(bool zooming, const RadialDistortion& radial) {
+  Reconstruction r = small_reconstruction({Pinhole{500, 500, 319.5, 239.5}});
+  r.origin = Origin::kSolve;
+  r.rig = {};
+  for (PosedFrame& frame : r.frames) {
+    if (!frame.world_from_rig) continue;
+    if (zooming || r.lenses.empty()) {
+      const double change = static_cast<double>(r.lenses.size()) / 3;
+      FrameLens& lens = r.lenses.emplace_back(
+          frame_lens({500 + change, 500 + change, 319 + change, 239 + change / 7, change / 11}, radial));
+      lens.camera.width = 640;
+      lens.camera.height = 480;
+      lens.sigma << 1.0 / 3, 1.0 / 3, 0.1, 0.7 + change, std::numeric_limits<double>::infinity();
+      lens.radial_sigma = radial.none() ? RadialDistortion{} : RadialDistortion{1.0 / 7, 0.1};
+    }
+    frame.lens = static_cast<int>(r.lenses.size()) - 1;
+  }
   return r;
 }
 

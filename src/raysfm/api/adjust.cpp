@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "raysfm/api/adjust_model.h"
+#include "raysfm/colmap_bal/model_reconstruction.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
@@ -62,15 +63,17 @@ bool is_folder(const fs::path& path) {
   return fs::is_directory(path, ignored);
 }
 
-Result<void> read_and_adjust(const AdjustSettings& settings, const AdjustTask& task, const EventSink& event,
-                             AdjustResult* result) {
+// The adjusted model; `read_s` is the time that reading took, in seconds.
+Result<std::variant<BalFile, ColmapModel>> read_and_adjust(const AdjustSettings& settings,
+                                                           const AdjustTask& task, const EventSink& event,
+                                                           AdjustOutcome* outcome, double* read_s) {
   const Clock::time_point start = Clock::now();
   if (!is_folder(settings.input)) {
     Result<BalFile> file = read_bal_file(settings.input);
     if (!file) return file.error();
-    result->read_s = milliseconds_since(start) / 1000.0;
-    result->model = *std::move(file);
-    return adjust_bal_file(task, &std::get<BalFile>(result->model), result);
+    *read_s = milliseconds_since(start) / 1000.0;
+    if (auto r = adjust_bal_file(task, &*file, outcome); !r) return r.error();
+    return {*std::move(file)};
   }
   const fs::path folder = model_folder(settings.input);
   if (!is_colmap_model(folder)) {
@@ -87,13 +90,12 @@ Result<void> read_and_adjust(const AdjustSettings& settings, const AdjustTask& t
   }
   Result<ColmapModel> model = read_colmap_model(folder);
   if (!model) return model.error();
-  result->read_s = milliseconds_since(start) / 1000.0;
-  result->model = *std::move(model);
-  return adjust_colmap_model(task, folder, &std::get<ColmapModel>(result->model), result);
+  *read_s = milliseconds_since(start) / 1000.0;
+  if (auto r = adjust_colmap_model(task, folder, &*model, outcome); !r) return r.error();
+  return {*std::move(model)};
 }
 
-void tell_what_is_left_out(const AdjustResult& result, const EventSink& event) {
-  const AdjustCounts& c = result.counts;
+void tell_what_is_left_out(const AdjustOutcome& c, const EventSink& event) {
   if (c.points_left_out > 0) {
     tell(event, Event::Level::kInfo,
          fmt::format("{} of {} points are left as they are, fewer than two images see them",
@@ -104,15 +106,44 @@ void tell_what_is_left_out(const AdjustResult& result, const EventSink& event) {
          fmt::format("{} of {} images are left as they are, they see no point that is adjusted",
                      c.images_left_out, c.images));
   }
-  if (result.summary.dropped_observations > 0) {
+  if (c.summary.dropped_observations > 0) {
     tell(event, Event::Level::kWarning,
          fmt::format("{} observations are dropped, their point is behind the camera or outside its view",
-                     result.summary.dropped_observations));
+                     c.summary.dropped_observations));
   }
-  if (result.kept_start) {
+  if (c.kept_start) {
     tell(event, Event::Level::kWarning,
          "the adjustment would have raised the cost of the whole; the model stays as it was");
   }
+}
+
+Report adjust_report(const AdjustSettings& settings, const AdjustOutcome& outcome, bool bal) {
+  const BundleSummary& s = outcome.summary;
+  Report report;
+  report.seed = settings.seed;
+  report.input = {settings.input};
+  report.camera_class = "central";
+  report.error = "pixel";
+  report.interrupted = s.termination == Termination::kInterrupted;
+  report.adjustment = {.method = settings.method,
+                       .initial_cost = s.initial_cost,
+                       .final_cost = s.final_cost,
+                       .iterations = s.iterations,
+                       .termination = std::string(to_string(s.termination)),
+                       .solve_s = s.solve_ms / 1000.0};
+  report.model = {.format = bal ? "bal" : "colmap",
+                  .name = adjusted_name(settings.input).string(),
+                  .loss = settings.loss,
+                  .loss_scale_px = settings.loss_scale,
+                  .refines_intrinsics = bal,
+                  .cameras = outcome.cameras,
+                  .used_observations = s.used_observations,
+                  .dropped_observations = s.dropped_observations,
+                  .images_left_out = outcome.images_left_out,
+                  .points_left_out = outcome.points_left_out,
+                  .kept_start = outcome.kept_start,
+                  .initial_rms_px = outcome.initial_rms_px};
+  return report;
 }
 
 }  // namespace
@@ -142,23 +173,28 @@ std::vector<SettingField> setting_fields(AdjustSettings& s) {
 Result<AdjustResult> adjust(const AdjustSettings& settings, const AdjustCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  AdjustResult result;
   const AdjustTask task = task_of(settings, callbacks);
-  if (auto r = read_and_adjust(settings, task, callbacks.event, &result); !r) {
-    if (r.error().kind != ErrorKind::kNoReconstruction) return r.error();
-    return no_reconstruction(fmt::format("{}: {}", settings.input, r.error().message));
+  AdjustOutcome outcome;
+  double read_s = 0;
+  auto model = read_and_adjust(settings, task, callbacks.event, &outcome, &read_s);
+  if (!model) {
+    if (model.error().kind != ErrorKind::kNoReconstruction) return model.error();
+    return no_reconstruction(fmt::format("{}: {}", settings.input, model.error().message));
   }
-  tell_what_is_left_out(result, callbacks.event);
-  if (result.summary.termination == Termination::kInvalidProblem) {
+  tell_what_is_left_out(outcome, callbacks.event);
+  if (outcome.summary.termination == Termination::kInvalidProblem) {
     return internal_error(fmt::format("{}: the adjustment refused its own problem", settings.input));
   }
-  if (result.summary.termination == Termination::kNothingToDo) {
+  if (outcome.summary.termination == Termination::kNothingToDo) {
     return no_reconstruction(
         fmt::format("{}: nothing to adjust, no observed point is in view of its camera", settings.input));
   }
-  result.interrupted = result.summary.termination == Termination::kInterrupted;
-  result.wall_s = milliseconds_since(start) / 1000.0;
-  result.peak_rss_mib = peak_rss_mib();
+  AdjustResult result{*std::move(model), {}, adjust_report(settings, outcome, !is_folder(settings.input))};
+  result.reconstruction = std::visit([](const auto& m) { return reconstruction_of(m); }, result.model);
+  result.reconstruction.rms_reprojection_px = outcome.final_rms_px;
+  result.report.adjustment->read_s = read_s;
+  result.report.wall_s = milliseconds_since(start) / 1000.0;
+  result.report.peak_rss_mib = peak_rss_mib();
   return result;
 }
 

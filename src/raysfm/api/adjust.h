@@ -9,11 +9,13 @@
 #include <vector>
 
 #include "raysfm/api/config.h"
-#include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/colmap_bal/bal_file.h"
 #include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
+#include "raysfm/optim/levenberg_marquardt.h"
+#include "raysfm/results/report_file.h"
+#include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
 
@@ -41,23 +43,11 @@ struct AdjustCallbacks {
   const std::atomic<bool>* stop = nullptr;  // set it to end after the running iteration with what is reached
 };
 
-struct AdjustCounts {
-  int images = 0;  // with a pose; in a BAL file its cameras
-  int cameras = 0;
-  int points = 0;
-  int observations = 0;
-  int images_left_out = 0;  // without an observation that takes part
-  int points_left_out = 0;  // seen by fewer than two images
-};
-
+// What `adjust` gives.
 struct AdjustResult {
   std::variant<BalFile, ColmapModel> model;  // adjusted; what is left out is as it was
-  AdjustCounts counts;
-  BundleSummary summary;
-  double initial_rms_px = 0, final_rms_px = 0;  // over the observations that take part and project
-  double read_s = 0, wall_s = 0, peak_rss_mib = 0;
-  bool kept_start = false;  // the adjustment would have raised the cost, so the model is as it was
-  bool interrupted = false;
+  Reconstruction reconstruction;             // the same (Origin::kAdjust)
+  Report report;                             // with `model` and `adjustment`
 };
 
 // Bundle adjustment of a file. A BAL camera's f, k1 and k2 are refined with its pose; the intrinsics of a
@@ -74,8 +64,8 @@ std::filesystem::path adjusted_name(const std::filesystem::path& input);
 // Whether writing the results into `folder` would leave the input alone; else bad input.
 Result<void> check_adjust_output(const std::filesystem::path& input, const std::filesystem::path& folder);
 
-// Replaces what an older run left in the folder, as a whole or not at all, by the model in the form in which
-// it was read, points.ply, config.yaml and report.json.
+// Writes the results into the folder: write_output_folder() with config.yaml and the model in the form in
+// which it was read.
 Result<void> write_adjust_output(const AdjustResult& result, const AdjustSettings& settings,
                                  const std::string& version, const std::filesystem::path& folder);
 

@@ -41,28 +41,26 @@ double rms_of(const BalProblem& problem) {
 
 }  // namespace
 
-Result<void> adjust_bal_file(const AdjustTask& task, BalFile* file, AdjustResult* result) {
+Result<void> adjust_bal_file(const AdjustTask& task, BalFile* file, AdjustOutcome* outcome) {
   std::vector<SeenPoint> seen;
   seen.reserve(file->observations.size());
   for (const BalObservation& o : file->observations) seen.push_back({o.camera, o.point});
   std::vector<int> order(file->cameras.size());
   std::iota(order.begin(), order.end(), 0);
   const AdjustSelection selection(seen, order, static_cast<int>(file->points.size()));
-  result->counts = {.images = static_cast<int>(file->cameras.size()),
-                    .cameras = static_cast<int>(file->cameras.size()),
-                    .points = static_cast<int>(file->points.size()),
-                    .observations = static_cast<int>(file->observations.size()),
-                    .images_left_out = static_cast<int>(file->cameras.size() - selection.images.size()),
-                    .points_left_out = static_cast<int>(file->points.size() - selection.points.size())};
+  outcome->images = outcome->cameras = static_cast<int>(file->cameras.size());
+  outcome->points = static_cast<int>(file->points.size());
+  outcome->images_left_out = outcome->images - static_cast<int>(selection.images.size());
+  outcome->points_left_out = outcome->points - static_cast<int>(selection.points.size());
   BalProblem problem = problem_of(*file, selection);
   if (problem.observations.empty())
     return no_reconstruction("nothing to adjust, no point is seen by two cameras");
   if (auto r = task.ready(); !r) return r;
 
-  result->initial_rms_px = rms_of(problem);
-  result->summary = adjust_bal(&problem, task.method, task.options);
-  if (keeps_start(result)) return {};
-  result->final_rms_px = rms_of(problem);
+  outcome->initial_rms_px = rms_of(problem);
+  outcome->summary = adjust_bal(&problem, task.method, task.options);
+  if (keeps_start(outcome)) return {};
+  outcome->final_rms_px = rms_of(problem);
   for (size_t i = 0; i < selection.images.size(); ++i)
     file->cameras[selection.images[i]] = problem.cameras[i];
   for (size_t i = 0; i < selection.points.size(); ++i) file->points[selection.points[i]] = problem.points[i];

@@ -119,7 +119,7 @@ void write_back(const Arrays& arrays, const AdjustSelection& selection,
 }  // namespace
 
 Result<void> adjust_colmap_model(const AdjustTask& task, const std::filesystem::path& folder,
-                                 ColmapModel* model, AdjustResult* result) {
+                                 ColmapModel* model, AdjustOutcome* outcome) {
   std::vector<SeenPoint> seen;
   seen.reserve(model->elements.size());
   for (size_t p = 0; p < model->points.size(); ++p) {
@@ -128,23 +128,22 @@ Result<void> adjust_colmap_model(const AdjustTask& task, const std::filesystem::
     }
   }
   const AdjustSelection selection(seen, images_by_name(*model), static_cast<int>(model->points.size()));
-  result->counts = {.images = static_cast<int>(model->images.size()),
-                    .cameras = static_cast<int>(model->cameras.size()),
-                    .points = static_cast<int>(model->points.size()),
-                    .observations = static_cast<int>(model->elements.size()),
-                    .images_left_out = static_cast<int>(model->images.size() - selection.images.size()),
-                    .points_left_out = static_cast<int>(model->points.size() - selection.points.size())};
+  outcome->images = static_cast<int>(model->images.size());
+  outcome->cameras = static_cast<int>(model->cameras.size());
+  outcome->points = static_cast<int>(model->points.size());
+  outcome->images_left_out = outcome->images - static_cast<int>(selection.images.size());
+  outcome->points_left_out = outcome->points - static_cast<int>(selection.points.size());
   if (selection.points.empty()) return no_reconstruction("nothing to adjust, no point is seen by two images");
   Result<std::vector<Camera>> cameras = cameras_of(*model, selection, folder);
   if (!cameras) return cameras.error();
   if (auto r = task.ready(); !r) return r;
 
   Arrays arrays = arrays_of(*model, selection, *std::move(cameras));
-  result->initial_rms_px = rms_of(arrays, nullptr);
-  result->summary = adjust(arrays.problem(), task.method, task.options);
-  if (keeps_start(result)) return {};
+  outcome->initial_rms_px = rms_of(arrays, nullptr);
+  outcome->summary = adjust(arrays.problem(), task.method, task.options);
+  if (keeps_start(outcome)) return {};
   std::vector<double> mean_errors;
-  result->final_rms_px = rms_of(arrays, &mean_errors);
+  outcome->final_rms_px = rms_of(arrays, &mean_errors);
   write_back(arrays, selection, mean_errors, model);
   return {};
 }

@@ -35,12 +35,12 @@ AdjustSelection::AdjustSelection(std::span<const SeenPoint> seen, const std::vec
   }
 }
 
-bool keeps_start(AdjustResult* result) {
-  BundleSummary& summary = result->summary;
-  result->kept_start = !(summary.final_cost <= summary.initial_cost);
-  if (!result->kept_start) return false;
+bool keeps_start(AdjustOutcome* outcome) {
+  BundleSummary& summary = outcome->summary;
+  outcome->kept_start = !(summary.final_cost <= summary.initial_cost);
+  if (!outcome->kept_start) return false;
   summary.final_cost = summary.initial_cost;
-  result->final_rms_px = result->initial_rms_px;
+  outcome->final_rms_px = outcome->initial_rms_px;
   if (summary.termination != Termination::kInterrupted) summary.termination = Termination::kNoProgress;
   return true;
 }

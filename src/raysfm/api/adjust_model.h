@@ -1,10 +1,14 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <vector>
 
-#include "raysfm/api/adjust.h"
+#include "raysfm/bundle/bundle_methods.h"
+#include "raysfm/colmap_bal/bal_file.h"
+#include "raysfm/colmap_bal/colmap_model.h"
+#include "raysfm/core/result.h"
 
 namespace raysfm {
 
@@ -26,18 +30,26 @@ struct AdjustSelection {
 // Where the files of a COLMAP model are: the given folder, or `sparse` or `sparse/0` below it.
 std::filesystem::path model_folder(const std::filesystem::path& input);
 
-// Notes in the result that the model is to stay as it was, if its cost has risen.
-bool keeps_start(AdjustResult* result);
+// What an adjustment did.
+struct AdjustOutcome {
+  int images = 0, points = 0, cameras = 0;       // of the file
+  int images_left_out = 0, points_left_out = 0;  // ModelReport says why
+  double initial_rms_px = 0, final_rms_px = 0;   // over the observations that take part and project
+  bool kept_start = false;
+  BundleSummary summary;
+};
 
-// Adjusts the file in place and fills counts, summary and errors of the result; the model itself, times and
-// interruption are left to the caller. `ready` is called when everything has been found good.
+// Notes that the model is to stay as it was, if its cost has risen.
+bool keeps_start(AdjustOutcome* outcome);
+
+// Adjusts the file in place. `ready` is called when everything has been found good.
 struct AdjustTask {
   BundleMethod method = BundleMethod::kGlobal;
   BundleMethodOptions options;
   std::function<Result<void>()> ready;
 };
-Result<void> adjust_bal_file(const AdjustTask& task, BalFile* file, AdjustResult* result);
+Result<void> adjust_bal_file(const AdjustTask& task, BalFile* file, AdjustOutcome* outcome);
 Result<void> adjust_colmap_model(const AdjustTask& task, const std::filesystem::path& folder,
-                                 ColmapModel* model, AdjustResult* result);
+                                 ColmapModel* model, AdjustOutcome* outcome);
 
 }  // namespace raysfm

@@ -8,14 +8,14 @@
 
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
+#include "raysfm/api/solve_result.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/results/tracks_file.h"
-#include "raysfm/robust/absolute_pose.h"
+#include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/known_structure.h"
-#include "raysfm/uncalibrated/pose_covariance.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -57,68 +57,6 @@ RadialChoice radial_of(const SolveSettings& settings) {
   return settings.distortion == "radial" ? RadialChoice::kFree : RadialChoice::kIfSure;
 }
 
-std::string reason_without_pose(int seen, int agreeing) {
-  if (seen < kMinPointsPerImage) {
-    return fmt::format("too few tracks: {}, at least {} are needed", seen, kMinPointsPerImage);
-  }
-  return fmt::format("{} of {} tracks agree with a pose, at least {} are needed", agreeing, seen,
-                     kMinPointsPerImage);
-}
-
-void fill_frames(const SolveInput& input, const UncalibratedReconstruction& found, SolveResult* result) {
-  std::vector<int> seen(input.names.size(), 0), agreeing(input.names.size(), 0);
-  for (int k = 0; k < input.tracks.size(); ++k) {
-    ++seen[input.tracks.image[k]];
-    agreeing[input.tracks.image[k]] += found.inlier[k];
-  }
-  const auto covariances = pose_covariances(input.tracks, found);
-  std::optional<Rigid3> world_from_first;
-  for (size_t j = 0; j < input.names.size(); ++j) {
-    SolvedFrame& frame = result->frames.emplace_back();
-    frame.timestamp = input.timestamps[j];
-    frame.image_name = input.names[j];
-    frame.keyframe = input.keyframe[j];
-    frame.width = input.sizes.empty() ? result->width : input.sizes[j].x();
-    frame.height = input.sizes.empty() ? result->height : input.sizes[j].y();
-    if (!found.image_posed[j]) {
-      const bool defective = !input.defects.empty() && !input.defects[j].empty();
-      frame.reason = defective ? input.defects[j] : reason_without_pose(seen[j], agreeing[j]);
-      continue;
-    }
-    const Rigid3& cam_from_found = found.scene.cam_from_world[j];
-    if (!world_from_first) world_from_first = found.world_is_given ? Rigid3{} : cam_from_found.inverse();
-    frame.cam_from_world = cam_from_found * *world_from_first;
-    frame.covariance = covariance_in_world(*frame.cam_from_world, covariances[j]);
-    frame.lens = found.scene.lenses[j];
-    frame.lens.cx -= input.shift(static_cast<int>(j)).x();
-    frame.lens.cy -= input.shift(static_cast<int>(j)).y();
-    frame.lens_sigma = found.lens_sigma[j];
-  }
-  const Rigid3 first_from_found = world_from_first ? world_from_first->inverse() : Rigid3{};
-  for (size_t i = 0; i < found.scene.points.size(); ++i) {
-    if (!found.point_placed[i]) continue;
-    SolvedPoint& point = result->points.emplace_back();
-    point.position = first_from_found * found.scene.points[i];
-    if (!input.rgb.empty()) point.rgb = input.rgb[i];
-  }
-}
-
-void fill_observations(const SolveInput& input, const UncalibratedReconstruction& found,
-                       SolveResult* result) {
-  std::vector<int> number(found.point_placed.size(), -1);
-  int placed = 0;
-  for (size_t i = 0; i < number.size(); ++i) {
-    if (found.point_placed[i]) number[i] = placed++;
-  }
-  for (int k = 0; k < input.tracks.size(); ++k) {
-    const int image = input.tracks.image[k];
-    if (!found.inlier[k] || !input.keyframe[image]) continue;
-    result->observations.push_back(
-        {image, number[input.tracks.point[k]], input.tracks.pixel[k] - input.shift(image)});
-  }
-  std::ranges::stable_sort(result->observations, {}, &SolvedObservation::frame);
-}
-
 Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   if (is_tracks_file(settings.input)) return tracks_from_file(settings, callbacks);
   return tracks_from_images(settings, callbacks);
@@ -150,41 +88,26 @@ double posed_share(const Result<UncalibratedReconstruction>& found) {
   return static_cast<double>(posed) / static_cast<double>(found->image_posed.size());
 }
 
-SolveResult result_of(const SolveInput& input, UncalibratedReconstruction found) {
-  SolveResult result;
-  result.width = static_cast<int>(input.tracks.image_size.x());
-  result.height = static_cast<int>(input.tracks.image_size.y());
-  if (found.lens_sigma.size() != input.names.size()) {
-    found.lens_sigma.assign(input.names.size(), LensVector::Constant(INFINITY));
+void warn(const SolveResult& result, const EventSink& event) {
+  if (!result.report.lens->degenerate.empty()) {
+    tell(event, Event::Level::kWarning,
+         fmt::format("the focal lengths are not determined by these images: {}",
+                     result.report.lens->degenerate));
   }
-  fill_frames(input, found, &result);
-  fill_observations(input, found, &result);
-  result.zooming = found.zooming;
-  result.lens_evidence = found.lens_evidence;
-  result.degenerate = found.degenerate;
-  result.radial = found.radial;
-  result.radial_sigma = found.radial_sigma;
-  result.world_is_given = found.world_is_given;
-  result.rms_px = found.rms_px;
-  result.stages = input.stages;
-  for (const auto& stage : found.stages) result.stages.push_back(stage);
-  std::copy_n(found.start_images, 2, result.start_frames);
-  result.start_inliers = found.start_inliers;
-  result.adjustment = std::move(found.adjustment);
-  result.interrupted = input.interrupted;
-  return result;
+  const size_t frames = result.reconstruction.frames.size();
+  const size_t lost = frames - posed_count(result.reconstruction);
+  if (lost > 0) {
+    tell(event, Event::Level::kWarning, fmt::format("{} of {} frames have no pose", lost, frames));
+  }
 }
 
-void warn(const SolveResult& result, const EventSink& event) {
-  if (!result.degenerate.empty()) {
-    tell(event, Event::Level::kWarning,
-         fmt::format("the focal lengths are not determined by these images: {}", result.degenerate));
-  }
-  const auto lost = std::ranges::count_if(result.frames, [](const auto& f) { return !f.cam_from_world; });
-  if (lost > 0) {
-    tell(event, Event::Level::kWarning,
-         fmt::format("{} of {} frames have no pose", lost, result.frames.size()));
-  }
+void set_times(Clock::time_point start, double read_s, SolveResult* result) {
+  Report& report = result->report;
+  report.wall_s = milliseconds_since(start) / 1000.0;
+  report.adjustment->read_s = read_s;
+  report.adjustment->solve_s = report.wall_s - read_s;
+  report.frames_per_second = static_cast<double>(result->reconstruction.frames.size()) / report.wall_s;
+  report.peak_rss_mib = peak_rss_mib();
 }
 
 }  // namespace
@@ -250,13 +173,10 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
     }
   }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
-  SolveResult result = result_of(*input, *std::move(found));
+  const bool interrupted = input->interrupted || (callbacks.stop && callbacks.stop->load());
+  SolveResult result = solve_result(*input, *std::move(found), settings, interrupted);
   warn(result, callbacks.event);
-  result.interrupted = result.interrupted || (callbacks.stop && callbacks.stop->load());
-  result.read_s = read_s;
-  result.wall_s = milliseconds_since(start) / 1000.0;
-  result.solve_s = result.wall_s - read_s;
-  result.peak_rss_mib = peak_rss_mib();
+  set_times(start, read_s, &result);
   return result;
 }
 

@@ -41,7 +41,7 @@ class SolveInputTest : public testing::Test {
   std::string failure(const SolveSettings& settings, int* code) const {
     const Result<SolveResult> result = solve(settings, {});
     *code = result ? 0 : result.error().kind == ErrorKind::kBadInput ? 2 : 3;
-    if (result) return result->degenerate;
+    if (result) return result->report.lens->degenerate;
     const std::string& message = result.error().message;
     EXPECT_EQ(message.find('\n'), std::string::npos) << message;
     return message.starts_with(settings.input) ? message.substr(settings.input.size()) : message;
@@ -139,14 +139,15 @@ TEST_F(SolveInputTest, KnownStructureOfAPlaneGivesTheLens) {
   const auto result = solve(known, callbacks);
   ASSERT_TRUE(result.ok()) << result.error().message;
   EXPECT_NE(said.find("1 of 40 points are not in"), std::string::npos) << said;
-  EXPECT_TRUE(result->world_is_given);
+  const Reconstruction& r = result->reconstruction;
+  EXPECT_TRUE(r.metric_scale);
   for (size_t j = 0; j < 6; ++j) {
-    ASSERT_TRUE(result->frames[j].cam_from_world);
-    EXPECT_NEAR(result->frames[j].lens.fx, 1000, 0.05);
+    ASSERT_TRUE(r.frames[j].world_from_rig);
+    EXPECT_NEAR(lens_of(r.lenses[r.frames[j].lens])->fx, 1000, 0.05);
     const Eigen::Vector3d place = cube.truth.cam_from_world[j].inverse().translation;
-    EXPECT_LT((result->frames[j].cam_from_world->inverse().translation - place).norm(), 1e-3);
+    EXPECT_LT((r.frames[j].world_from_rig->translation - place).norm(), 1e-3);
   }
-  EXPECT_EQ(result->points.size(), 39u);
+  EXPECT_EQ(r.points.size(), 39u);
 }
 
 TEST_F(SolveInputTest, StructureThatDoesNotFitIsNamed) {

@@ -7,6 +7,7 @@
 
 #include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/files/text_file.h"
+#include "raysfm/results/reconstruction_folder.h"
 #include "support/shared_data.h"
 #include "support/test_scenes.h"
 
@@ -56,14 +57,14 @@ class SolveTest : public testing::Test {
 TEST_F(SolveTest, ZoomingLensFromAFileOfTracks) {
   const auto result = solve(write_tracks(true), {});
   ASSERT_TRUE(result.ok()) << result.error().message;
-  EXPECT_TRUE(result->zooming) << result->lens_evidence;
-  ASSERT_EQ(result->frames.size(), 10u);
+  EXPECT_TRUE(result->report.lens->zooming) << result->report.lens->evidence;
+  const Reconstruction& r = result->reconstruction;
+  ASSERT_EQ(r.frames.size(), 10u);
   for (size_t j = 0; j < 10; ++j) {
-    ASSERT_TRUE(result->frames[j].cam_from_world);
-    EXPECT_NEAR(result->frames[j].lens.fx / cube_.truth.lenses[j].fx, 1, 0.02) << j;
-    EXPECT_LT(std::abs(result->frames[j].lens.fx - cube_.truth.lenses[j].fx),
-              5 * result->frames[j].lens_sigma[0])
-        << j;
+    ASSERT_TRUE(r.frames[j].world_from_rig);
+    const FrameLens& lens = r.lenses[r.frames[j].lens];
+    EXPECT_NEAR(lens_of(lens)->fx / cube_.truth.lenses[j].fx, 1, 0.02) << j;
+    EXPECT_LT(std::abs(lens_of(lens)->fx - cube_.truth.lenses[j].fx), 5 * lens.sigma[0]) << j;
   }
 }
 
@@ -71,14 +72,25 @@ TEST_F(SolveTest, FixedLensAndFilesThatAgreeWithEachOther) {
   SolveSettings settings = write_tracks(false);
   const auto result = solve(settings, {});
   ASSERT_TRUE(result.ok()) << result.error().message;
-  EXPECT_FALSE(result->zooming) << result->lens_evidence;
-  EXPECT_NEAR(result->frames[0].lens.fx, 1000, 5);
+  EXPECT_FALSE(result->report.lens->zooming) << result->report.lens->evidence;
+  ASSERT_EQ(result->reconstruction.lenses.size(), 1u);
+  EXPECT_NEAR(lens_of(result->reconstruction.lenses[0])->fx, 1000, 5);
   const fs::path out = folder_ / "out";
   ASSERT_TRUE(write_solve_output(*result, settings, "0", out).ok());
   for (const char* name : {"trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "lens.csv",
                            "lens.png", "config.yaml", "report.json"}) {
     EXPECT_TRUE(fs::is_regular_file(out / name)) << name;
   }
+  const auto read = read_reconstruction(out);
+  ASSERT_TRUE(read.ok()) << read.error().message;
+  for (size_t j = 0; j < 10; ++j) {
+    const PosedFrame &a = read->frames[j], &b = result->reconstruction.frames[j];
+    EXPECT_EQ(a.world_from_rig->translation, b.world_from_rig->translation);
+    EXPECT_EQ(a.covariance, b.covariance);
+  }
+  EXPECT_EQ(lens_of(read->lenses[0])->vector(), lens_of(result->reconstruction.lenses[0])->vector());
+  EXPECT_EQ(read->lenses[0].sigma, result->reconstruction.lenses[0].sigma);
+  EXPECT_EQ(read->observations.size(), 600u);
   // The model stands alone: its cameras, poses and points give its keypoints.
   const auto model = read_colmap_model(out / "sparse");
   ASSERT_TRUE(model.ok()) << model.error().message;
@@ -138,10 +150,11 @@ TEST_F(SolveTest, ImagesGiveTheLensThatACalibrationFound) {
   const auto result = solve(settings, callbacks);
   ASSERT_TRUE(result.ok()) << result.error().message;
   EXPECT_NE(said.find("camera.yaml is not used"), std::string::npos) << said;
-  ASSERT_EQ(result->frames.size(), 11u);
-  for (const SolvedFrame& frame : result->frames) EXPECT_TRUE(frame.cam_from_world) << frame.reason;
-  EXPECT_NEAR(result->frames[0].lens.fx, 1381, 14);  // mean of the calibrated fx and fy
-  EXPECT_EQ(result->degenerate, "");
+  const Reconstruction& r = result->reconstruction;
+  ASSERT_EQ(r.frames.size(), 11u);
+  for (const PosedFrame& frame : r.frames) EXPECT_TRUE(frame.world_from_rig) << frame.reason;
+  EXPECT_NEAR(lens_of(r.lenses[0])->fx, 1381, 14);  // mean of the calibrated fx and fy
+  EXPECT_EQ(result->report.lens->degenerate, "");
 }
 
 TEST_F(SolveTest, DoesNotOverwriteItsInput) {

@@ -1,6 +1,7 @@
 #include "raysfm/colmap_bal/colmap_file.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <optional>
 #include <span>
@@ -16,60 +17,104 @@
 namespace raysfm {
 namespace {
 
-// The cameras, with identifiers from 1; false where COLMAP has no such model.
-bool append_cameras(const Rig& rig, ColmapModel* model) {
-  for (const Camera& camera : rig.cameras) {
-    std::optional<ColmapCamera> colmap = colmap_camera(camera.model);
-    if (!colmap) return false;
-    colmap->id = static_cast<uint32_t>(model->cameras.size() + 1);
-    colmap->width = camera.width;
-    colmap->height = camera.height;
-    model->cameras.push_back(*std::move(colmap));
+// nullopt where COLMAP has no such model. The distortion of an estimated lens is COLMAP's RADIAL.
+std::optional<ColmapCamera> colmap_camera_of(const Camera& camera, bool estimated) {
+  std::optional<ColmapCamera> colmap = colmap_camera(camera.model);
+  if (!colmap) return colmap;
+  if (const Radtan* m = std::get_if<Radtan>(&camera.model); m && estimated) {
+    colmap->model = find_colmap_model("RADIAL")->id;
+    colmap->parameters = {m->fx, m->cx + kColmapPixelOrigin, m->cy + kColmapPixelOrigin, m->k1, m->k2};
   }
-  return true;
+  colmap->width = camera.width;
+  colmap->height = camera.height;
+  return colmap;
+}
+
+bool same_but_for_rounding(const ColmapCamera& a, const ColmapCamera& b) {
+  constexpr double kRounding = 1e-12;
+  const auto same = [](double x, double y) { return std::abs(x - y) <= kRounding * std::abs(x); };
+  return a.model == b.model && a.width == b.width && a.height == b.height &&
+         std::ranges::equal(a.parameters, b.parameters, same);
 }
 
 // What a world becomes: an image for each camera of each of its key frames, with identifiers from 1. Made
 // one at a time, since a whole model takes more memory than the reconstruction.
 class WorldImages {
  public:
-  explicit WorldImages(const Reconstruction& world) : world_(world), cameras_(world.rig.cameras.size()) {
+  explicit WorldImages(const Reconstruction& world) : world_(world), lens_ids_(world.lenses.size(), 0) {
+    for (const Camera& camera : world.rig.cameras) add_camera(camera);
+    if (world.lenses.empty()) per_frame_ = world.rig.cameras.size();
     for (const KeyFrame& keyframe : world.keyframes) {
-      if (world.frames[keyframe.frame].world_from_rig) keyframes_.push_back(&keyframe);
+      const PosedFrame& posed = world.frames[keyframe.frame];
+      if (!posed.world_from_rig) continue;
+      keyframes_.push_back(&keyframe);
+      if (posed.lens < 0 || lens_ids_[posed.lens] > 0) continue;
+      lens_ids_[posed.lens] = id_of(world.lenses[posed.lens].camera);
     }
   }
 
-  size_t size() const { return keyframes_.size() * cameras_; }
+  size_t size() const { return keyframes_.size() * per_frame_; }
   const Reconstruction& world() const { return world_; }
-  const Camera& camera(size_t i) const { return world_.rig.cameras[i % cameras_]; }
+  bool estimated() const { return world_.origin == Origin::kSolve; }  // the lenses
+  // Those of the rig, or the lenses of the key frames; nullopt where COLMAP has no such model.
+  const std::optional<std::vector<ColmapCamera>>& cameras() const { return cameras_; }
+  const Camera& camera(size_t i) const {
+    return camera_of(world_, frame(i), static_cast<int>(i % per_frame_));
+  }
 
   ColmapImage image(size_t i) const {
-    const PosedFrame& posed = world_.frames[keyframes_[i / cameras_]->frame];
-    const Rigid3 cam_from_world = (*posed.world_from_rig * camera(i).rig_from_cam).inverse();
+    const PosedFrame& posed = frame(i);
+    const Rigid3 world_from_cam =
+        posed.lens >= 0 ? *posed.world_from_rig : *posed.world_from_rig * camera(i).rig_from_cam;
+    const Rigid3 cam_from_world = world_from_cam.inverse();
     const Eigen::Quaterniond& q = cam_from_world.rotation;
     const Eigen::Vector3d& t = cam_from_world.translation;
     ColmapImage image;
     image.id = static_cast<uint32_t>(i + 1);
     image.rotation = {q.w(), q.x(), q.y(), q.z()};
     image.translation = {t.x(), t.y(), t.z()};
-    image.camera_id = static_cast<uint32_t>(i % cameras_ + 1);
-    image.name = cameras_ == 1 ? posed.image_name : camera(i).name + "/" + posed.image_name;
+    image.camera_id = camera_id(i);
+    image.name = per_frame_ == 1 ? posed.image_name : camera(i).name + "/" + posed.image_name;
     return image;
   }
 
   // Calls f(observation) for the keypoints of an image.
   template <typename F>
   void for_each_keypoint(size_t i, F f) const {
-    const KeyFrame& keyframe = *keyframes_[i / cameras_];
+    const KeyFrame& keyframe = *keyframes_[i / per_frame_];
     for (int k = keyframe.first_observation; k < keyframe.last_observation; ++k) {
       const Observation& o = world_.observations[k];
-      if (o.camera == static_cast<int>(i % cameras_)) f(o);
+      if (o.camera == static_cast<int>(i % per_frame_)) f(o);
     }
   }
 
  private:
+  const PosedFrame& frame(size_t i) const { return world_.frames[keyframes_[i / per_frame_]->frame]; }
+  uint32_t camera_id(size_t i) const {
+    return frame(i).lens >= 0 ? lens_ids_[frame(i).lens] : static_cast<uint32_t>(i % per_frame_ + 1);
+  }
+
+  // Returns its identifier.
+  uint32_t add_camera(const Camera& camera) {
+    std::optional<ColmapCamera> colmap = colmap_camera_of(camera, estimated());
+    if (!colmap) cameras_.reset();
+    if (!cameras_) return 0;
+    colmap->id = static_cast<uint32_t>(cameras_->size() + 1);
+    return cameras_->emplace_back(*std::move(colmap)).id;
+  }
+  // Of a lens that is there already, or that is added.
+  uint32_t id_of(const Camera& camera) {
+    const std::optional<ColmapCamera> colmap = colmap_camera_of(camera, estimated());
+    for (size_t i = 0; colmap && cameras_ && i < cameras_->size(); ++i) {
+      if (same_but_for_rounding((*cameras_)[i], *colmap)) return (*cameras_)[i].id;
+    }
+    return add_camera(camera);
+  }
+
   const Reconstruction& world_;
-  size_t cameras_;
+  size_t per_frame_ = 1;  // images
+  std::optional<std::vector<ColmapCamera>> cameras_{std::in_place};
+  std::vector<uint32_t> lens_ids_;  // by lens; 0: of no key frame
   std::vector<const KeyFrame*> keyframes_;
 };
 
@@ -114,6 +159,8 @@ class PointTracks {
       const uint32_t number = keypoint++;
       if (!contains(o.point)) return;
       elements_[(*next)[o.point - begin_]++] = {image.id, number};
+      // An estimated lens has a skew, which COLMAP's cameras have not: their errors are not its errors.
+      if (images.estimated()) return;
       Eigen::Vector2d pixel;
       const Eigen::Vector3d& position = images.world().points[o.point].position;
       if (!images.camera(i).project(cam_from_world * position, &pixel)) return;
@@ -185,9 +232,10 @@ Result<void> write_points(const WorldImages& images, const std::filesystem::path
 }  // namespace
 
 Result<void> write_colmap_model(const Reconstruction& world, const std::filesystem::path& folder) {
-  ColmapModel model;
-  if (!append_cameras(world.rig, &model)) return {};
   const WorldImages images(world);
+  if (!images.cameras()) return {};
+  ColmapModel model;
+  model.cameras = *images.cameras();
   Result<void> written = create_folder(folder);
   if (written) written = write_file(folder / "cameras.bin", format_colmap_cameras_bin(model));
   if (written) written = write_images(images, folder / "images.bin");

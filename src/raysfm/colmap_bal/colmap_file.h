@@ -8,9 +8,10 @@
 namespace raysfm {
 
 // Writes cameras.bin, images.bin and points3D.bin, a sparse model that COLMAP 3.8 opens, into `folder`, which
-// is created where it is missing. Each camera of each key frame is one image. colmap_camera() says what each
-// camera model becomes; where a camera has no counterpart in COLMAP, nothing is written. The origin of pixels
-// moves to the corner of the image (+0.5).
+// is created where it is missing. Each camera of each key frame is one image; lenses of the same numbers are
+// one camera. colmap_camera() says what each camera model becomes, and an estimated lens with distortion
+// becomes RADIAL; where a camera has no counterpart in COLMAP, nothing is written. The origin of pixels moves
+// to the corner of the image (+0.5). Points have their mean error, those of estimated lenses none.
 //
 // The names of images are those of PosedFrame::image_name, behind "<camera>/" where the rig has several
 // cameras.

@@ -8,6 +8,7 @@
 #include <map>
 #include <sstream>
 
+#include "raysfm/files/text_file.h"
 #include "raysfm/scene/worlds.h"
 #include "support/small_reconstruction.h"
 #include "support/temporary_folder.h"
@@ -141,6 +142,37 @@ TEST_F(ColmapFile, AnalyzerOpensIt) {
   convert(small_reconstruction({kRational}));
   if (IsSkipped() || HasFatalFailure()) return;
   EXPECT_TRUE(run("colmap model_analyzer --path " + quoted(binary())));
+}
+
+TEST_F(ColmapFile, ALensForEachKeyFrameOrForAll) {
+  for (const bool zooming : {true, false}) {
+    for (const RadialDistortion& radial : {RadialDistortion{}, RadialDistortion{-0.125, 0.0625}}) {
+      Reconstruction r = testing_support::small_solved_reconstruction(zooming, radial);
+      for (size_t i = 0; i < r.lenses.size(); ++i) {
+        const double f = 500 + static_cast<double>(i);
+        r.lenses[i].camera.model = frame_lens({f, f, 319.5, 239.5}, radial).camera.model;
+      }
+      if (!zooming) {  // half of the images tell it less well
+        r.lenses.push_back(r.lenses[0]);
+        r.lenses[1].sigma *= 2;
+        for (int i = 6; i < 12; ++i) r.frames[i].lens = 1;
+      }
+      convert(r);
+      if (IsSkipped() || HasFatalFailure()) return;
+      EXPECT_TRUE(run("colmap model_analyzer --path " + quoted(binary())));
+      std::map<int, std::string> cameras;
+      for (const std::string& line : lines_of(text() / "cameras.txt")) cameras[std::stoi(line)] = line;
+      ASSERT_EQ(cameras.size(), zooming ? 4u : 1u);
+      EXPECT_EQ(cameras[1], radial.none() ? "1 PINHOLE 640 480 500 500 320 240"
+                                          : "1 RADIAL 640 480 500 320 240 -0.125 0.0625");
+      const std::vector<std::string> images = lines_of(text() / "images.txt");
+      for (size_t i = 0; i < images.size(); i += 2) {
+        const std::vector<std::string_view> words = split_words(images[i]);
+        EXPECT_EQ(words[8], zooming ? words[0] : "1");  // camera and image
+      }
+      fs::remove_all(folder_.path() / "sparse");
+    }
+  }
 }
 
 TEST_F(ColmapFile, EachWorldHasAModelOfItsOwn) {

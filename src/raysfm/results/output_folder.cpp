@@ -45,6 +45,30 @@ bool stays_below(const fs::path& name) {
   return !name.empty() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end();
 }
 
+// Whether report.json of the folder tells of a frame with a pose, or cannot be understood.
+bool holds_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report) return false;
+  const auto posed =
+      report->is_object() ? report->value(Json::json_pointer("/frames/posed"), Json()) : Json();
+  return !posed.is_number() || posed > 0;
+}
+
+// The files that report.json of the folder says to be its own, relative to the folder.
+std::vector<std::string> files_of_result(const fs::path& folder) {
+  const std::optional<Json> report = report_of(folder);
+  if (!report || !report->is_object()) return {};
+  std::vector<std::string> files = {kFailed};
+  // Version 0.1.0 of `solve` did not list its files.
+  if (report->contains("lens") && !report->contains("files")) {
+    files.insert(files.end(), {"lens.csv", "lens.png"});
+  }
+  for (const Json& name : report->value("files", Json::array())) {
+    if (name.is_string() && stays_below(name.get<std::string>())) files.push_back(name.get<std::string>());
+  }
+  return files;
+}
+
 Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& folder) {
   const std::vector<int> order = worlds_in_order(reconstruction);
   // One world needs no second copy of itself.
@@ -57,11 +81,14 @@ Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& 
 }
 
 Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,
-                            const fs::path& folder) {
-  Result<void> written = write_worlds(reconstruction, folder);
-  if (written) written = write_file(folder / kConfig, config);
-  if (!written) return written;
-  report.files = files_with_report(folder);
+                            std::span<const ResultFile> more, const fs::path& folder) {
+  if (auto r = write_worlds(reconstruction, folder); !r) return r;
+  for (const ResultFile& file : more) {
+    if (auto r = file.write(folder / file.name); !r) return r;
+  }
+  if (auto r = write_file(folder / kConfig, config); !r) return r;
+  report.files = files_below(folder);
+  report.files.emplace_back(kReport);
   return write_report(reconstruction, report, folder / kReport);
 }
 
@@ -95,8 +122,10 @@ Result<void> prepare_output_folder(const fs::path& folder) {
   return {};
 }
 
-Result<void> check_output_folder(const fs::path& folder, std::span<const std::string> inputs) {
+Result<void> check_output_folder(const fs::path& folder, std::span<const std::string> inputs,
+                                 std::span<const std::string> more) {
   std::vector<std::string> replaced = files_of_result(folder);
+  replaced.insert(replaced.end(), more.begin(), more.end());
   replaced.insert(replaced.end(), {kReport, kFailed, kConfig});
   for (const WorldWriter& writer : world_writers()) replaced.push_back(writer.name);
   for (const std::string& name : replaced) {
@@ -105,53 +134,18 @@ Result<void> check_output_folder(const fs::path& folder, std::span<const std::st
   return {};
 }
 
-bool holds_result(const fs::path& folder) {
-  const std::optional<Json> report = report_of(folder);
-  if (!report) return false;
-  const auto posed =
-      report->is_object() ? report->value(Json::json_pointer("/frames/posed"), Json()) : Json();
-  return !posed.is_number() || posed > 0;
-}
-
-std::vector<std::string> files_of_result(const fs::path& folder) {
-  const std::optional<Json> report = report_of(folder);
-  if (!report || !report->is_object()) return {};
-  std::vector<std::string> files = {kFailed};
-  // Version 0.1.0 of `solve` did not list its files.
-  if (report->contains("lens") && !report->contains("files")) {
-    files.insert(files.end(), {"lens.csv", "lens.png"});
-  }
-  for (const Json& name : report->value("files", Json::array())) {
-    if (name.is_string() && stays_below(name.get<std::string>())) files.push_back(name.get<std::string>());
-  }
-  return files;
-}
-
-Result<void> replace_output_folder(const fs::path& folder,
-                                   const std::function<Result<void>(const fs::path& folder)>& write) {
-  Result<StagedFolder> staged = StagedFolder::create(folder);
-  if (!staged) return staged.error();
-  Result<void> written = write(staged->path());
-  if (written) written = staged->commit(files_of_result(folder), kReport);
-  return written ? written : staged->in_place(written.error());
-}
-
-std::vector<std::string> files_with_report(const fs::path& folder) {
-  std::vector<std::string> files = files_below(folder);
-  files.push_back(kReport);
-  return files;
-}
-
 Result<bool> write_output_folder(const Reconstruction& reconstruction, Report report,
-                                 const std::string& config, const fs::path& folder) {
+                                 const std::string& config, const fs::path& folder,
+                                 std::span<const ResultFile> more) {
   if (posed_count(reconstruction) == 0 && holds_result(folder)) {
     if (auto r = write_report(reconstruction, report, folder / kFailed); !r) return r.error();
     return false;
   }
-  const Result<void> replaced = replace_output_folder(folder, [&](const fs::path& staged) {
-    return write_contents(reconstruction, std::move(report), config, staged);
-  });
-  return replaced ? Result<bool>(true) : replaced.error();
+  Result<StagedFolder> staged = StagedFolder::create(folder);
+  if (!staged) return staged.error();
+  Result<void> written = write_contents(reconstruction, std::move(report), config, more, staged->path());
+  if (written) written = staged->commit(files_of_result(folder), kReport);
+  return written ? Result<bool>(true) : staged->in_place(written.error());
 }
 
 }  // namespace raysfm

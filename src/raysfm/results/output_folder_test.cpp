@@ -2,11 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/files/staged_folder.h"
 #include "raysfm/results/covariance_file.h"
+#include "raysfm/results/lens_file.h"
 #include "raysfm/results/ply_file.h"
 #include "raysfm/results/trajectory_file.h"
 #include "support/small_reconstruction.h"
@@ -109,6 +113,40 @@ TEST(ReportFile, HoldsWhatTheContractLists) {
   EXPECT_EQ(metric["segments"][0]["scale_sigma_percent"], 25);
 }
 
+TEST(ReportFile, SaysWhatIsOfOneCommandOnly) {
+  Report report = example_report();
+  report.adjustment = {
+      .method = "polished", .initial_cost = 2, .final_cost = 1, .iterations = 5, .read_s = 3};
+  report.lens = {.zooming = true, .evidence = "it does", .width = 640, .height = 480};
+  const auto solved = nlohmann::json::parse(
+      report_json(testing_support::small_solved_reconstruction(true, {-0.125, 0}), report));
+  EXPECT_EQ(solved["command"], "solve");
+  EXPECT_EQ(solved["lens"], "zooming");
+  EXPECT_TRUE(solved["degenerate"].is_null());
+  EXPECT_EQ(solved["image_size"], nlohmann::json({640, 480}));
+  EXPECT_EQ(solved["distortion"]["k1"], -0.125);
+  EXPECT_EQ(solved["cost"]["final"], 1);
+  EXPECT_EQ(solved["timing"]["read_s"], 3);
+  EXPECT_EQ(solved["lenses"].size(), 11u);
+  EXPECT_FALSE(solved.contains("rig"));
+  // One lens of all frames: a run over the frame without a pose.
+  const auto fixed =
+      nlohmann::json::parse(report_json(testing_support::small_solved_reconstruction(false, {}), report));
+  EXPECT_EQ(fixed["lenses"][0]["frames"], nlohmann::json::parse("[[0, 11]]"));
+  EXPECT_TRUE(fixed["distortion"].is_null());
+
+  Reconstruction model;
+  model.origin = Origin::kAdjust;
+  report.lens.reset();
+  report.model = {.format = "bal", .name = "a.txt", .loss = "cauchy", .used_observations = 7};
+  const auto adjusted = nlohmann::json::parse(report_json(model, report));
+  EXPECT_EQ(adjusted["command"], "adjust");
+  EXPECT_EQ(adjusted["model"], "a.txt");
+  EXPECT_EQ(adjusted["loss"]["name"], "cauchy");
+  EXPECT_EQ(adjusted["used"], 7);
+  EXPECT_FALSE(adjusted.contains("lenses"));
+}
+
 TEST(ReportFile, AnyBytesInANameStayJson) {
   Report report = example_report();
   report.input = {"caf\xe9 \"\n.mp4"};
@@ -137,6 +175,50 @@ TEST(CovarianceFile, UpperTriangleByRows) {
   int rows = 1;
   while (std::getline(text, line)) ++rows;
   EXPECT_EQ(rows, 11);
+}
+
+TEST(LensFile, HasALineForEachFrameWithAPoseAndAColumnForEachNumber) {
+  const TemporaryFolder folder;
+  Reconstruction r;
+  r.lenses.push_back(frame_lens({500, 501, 320, 240, 0}, {}));
+  r.lenses[0].sigma << 1, 2, 3, INFINITY, 0;
+  r.frames.resize(3);
+  r.frames[1].timestamp = 0.5;
+  r.frames[1].world_from_rig = Rigid3{};
+  r.frames[1].lens = 0;
+  r.frames[2].world_from_rig = Rigid3{};  // of another camera
+  ASSERT_TRUE(write_lens_file(r, folder.path() / "lens.csv").ok());
+  EXPECT_EQ(content_of(folder.path() / "lens.csv"),
+            "timestamp,fx,fy,cx,cy,skew,fx_sigma,fy_sigma,cx_sigma,cy_sigma,skew_sigma\n"
+            "0.500000000,500.000000,501.000000,320.000000,240.000000,0.000000,1,2,3,inf,0\n");
+}
+
+TEST(OutputFolder, WhoMadeItDecidesWhatIsInIt) {
+  const TemporaryFolder folder;
+  Reconstruction r = testing_support::small_solved_reconstruction(true, {});
+  const ResultFile more{"more.txt", [](const fs::path& path) { return write_file(path, "more"); }};
+  ASSERT_TRUE(write_output_folder(r, example_report(), "", folder.path(), std::span(&more, 1)).ok());
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(files_below(folder.path()),
+            (Names{"config.yaml", "covariance.csv", "keyframes.txt", "lens.csv", "more.txt", "points.ply",
+                   "report.json", "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin",
+                   "trajectory.txt"}));
+  EXPECT_NE(content_of(folder.path() / "trajectory.txt").find("world from camera"), std::string::npos);
+  r.origin = Origin::kAdjust;
+  ASSERT_TRUE(write_output_folder(r, example_report(), "", folder.path()).ok());
+  EXPECT_EQ(files_below(folder.path()), (Names{"config.yaml", "points.ply", "report.json"}));
+  r = small_reconstruction({kPinhole});
+  ASSERT_TRUE(write_output_folder(r, example_report(), "", folder.path()).ok());
+  EXPECT_EQ(files_below(folder.path()),
+            (Names{"config.yaml", "covariance.csv", "keyframes.txt", "points.ply", "report.json",
+                   "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin", "trajectory.txt"}));
+}
+
+TEST(OutputFolder, InputsAreNotReplaced) {
+  const TemporaryFolder folder;
+  const std::vector<std::string> inputs = {folder.file("more.txt", "mine").string()};
+  EXPECT_TRUE(check_output_folder(folder.path(), inputs).ok());
+  EXPECT_FALSE(check_output_folder(folder.path(), inputs, std::vector<std::string>{"more.txt"}).ok());
 }
 
 TEST(PlyFile, IsBinaryWithPositionAndColour) {

@@ -8,10 +8,13 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/colmap_bal/bal_file.h"
 #include "raysfm/colmap_bal/colmap_model.h"
+#include "raysfm/colmap_bal/model_reconstruction.h"
 #include "raysfm/files/text_file.h"
 #include "raysfm/results/covariance_file.h"
 #include "raysfm/results/ply_file.h"
+#include "raysfm/results/report_cameras.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/results/trajectory_file.h"
 
@@ -21,17 +24,25 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-std::optional<double> share(const Json& percent) {
-  return percent.is_null() ? std::nullopt : std::optional<double>(percent.get<double>() / 100);
+std::optional<double> number_or_none(const Json& number) {
+  return number.is_null() ? std::nullopt : std::optional<double>(number.get<double>());
+}
+
+Origin origin_of(const Json& report) {
+  const std::string command = report.at("command");
+  if (command == "track") return Origin::kTrack;
+  return command == "solve" ? Origin::kSolve : Origin::kAdjust;
 }
 
 void read_report(const Json& report, Reconstruction* r) {
+  r->origin = origin_of(report);
   r->metric_scale = report.at("scale") == "metric";
-  r->scale_sigma = share(report.at("scale_sigma_percent"));
+  r->scale_sigma = number_or_none(report.at("scale_sigma"));
   r->rms_reprojection_px = report.at("rms_reprojection_px");
+  r->segments.clear();
   for (const Json& s : report.at("segments")) {
     r->segments.push_back({s.at("first"), s.at("last"), s.at("reason"), s.at("scale") == "metric",
-                           share(s.at("scale_sigma_percent"))});
+                           number_or_none(s.at("scale_sigma"))});
   }
   for (const Json& s : report.at("starts")) {
     r->starts.push_back({s.at("method"), s.at("frames"), s.at("inliers")});
@@ -90,27 +101,27 @@ Result<std::vector<int>> keyframes_in(const fs::path& folder, const Reconstructi
   return frames;
 }
 
-// The cameras, seen from the rig of the first key frame.
-Result<void> read_rig(const ColmapModel& model, const Rigid3& world_from_rig, Rig* rig) {
-  for (size_t c = 0; c < model.cameras.size(); ++c) {
-    const ColmapCamera& colmap = model.cameras[c];
+// The cameras of a rig but for their names and places.
+Result<void> read_rig(const ColmapModel& model, Rig* rig) {
+  for (const ColmapCamera& colmap : model.cameras) {
     Result<CameraModel> converted = camera_model_from_colmap(colmap.model, colmap.parameters);
     if (!converted) return converted.error();
     Camera& camera = rig->cameras.emplace_back();
     camera.model = *std::move(converted);
     camera.width = static_cast<int>(colmap.width);
     camera.height = static_cast<int>(colmap.height);
-    if (model.cameras.size() == 1) continue;
-    const ColmapImage& image = model.images[c];
-    camera.name = image.name.substr(0, image.name.find('/'));
-    camera.rig_from_cam = world_from_rig.inverse() * colmap_pose(image).inverse();
   }
   return {};
 }
 
+// Images of a key frame in sparse/.
+size_t cameras_of_frame(const Reconstruction& r, const ColmapModel& model) {
+  return r.origin == Origin::kSolve ? 1 : model.cameras.size();
+}
+
 void read_observations(const ColmapModel& model, const std::vector<int>& frames, int first_point,
                        Reconstruction* r) {
-  const size_t cameras = model.cameras.size();
+  const size_t cameras = cameras_of_frame(*r, model);
   for (size_t k = 0; k < frames.size(); ++k) {
     KeyFrame keyframe{frames[k], static_cast<int>(r->observations.size()), 0};
     for (size_t i = k * cameras; i < (k + 1) * cameras; ++i) {
@@ -120,7 +131,7 @@ void read_observations(const ColmapModel& model, const std::vector<int>& frames,
       for (size_t p = image.first_keypoint; p < image.last_keypoint; ++p) {
         const ColmapKeypoint& seen = model.keypoints[p];
         r->observations.push_back({first_point + static_cast<int>(seen.point_id) - 1,
-                                   image.camera,
+                                   static_cast<int>(i - k * cameras),
                                    {seen.x - kColmapPixelOrigin, seen.y - kColmapPixelOrigin}});
       }
     }
@@ -146,20 +157,31 @@ Result<void> read_map(const fs::path& folder, int segment, Reconstruction* r) {
   const Result<ColmapModel> model = read_colmap_model(folder / "sparse");
   if (!model) return model.error();
   const auto fits = [&](const ColmapPoint& p) { return p.id >= 1 && p.id <= points->size(); };
-  if (model->images.size() != frames->size() * model->cameras.size() ||
+  if (model->images.size() != frames->size() * cameras_of_frame(*r, *model) ||
       !std::ranges::all_of(model->points, fits)) {
     return bad_input(
         fmt::format("{}: does not fit to keyframes.txt and points.ply", (folder / "sparse").string()));
   }
   for (const ColmapPoint& p : model->points) r->points[first + p.id - 1].position = p.position;
-  if (r->rig.cameras.empty() && !frames->empty()) {
-    if (auto rig = read_rig(*model, *r->frames[frames->front()].world_from_rig, &r->rig); !rig) return rig;
+  if (r->origin == Origin::kTrack && r->rig.cameras.empty()) {
+    if (auto rig = read_rig(*model, &r->rig); !rig) return rig;
   }
   read_observations(*model, *frames, first, r);
   return {};
 }
 
-Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
+// The adjusted model, in the form that it was given in.
+Result<Reconstruction> read_model(const fs::path& folder, const Json& report) {
+  const fs::path path = folder / fs::path(report.at("model").get<std::string>()).filename();
+  if (report.at("format") == "bal") {
+    const Result<BalFile> file = read_bal_file(path);
+    return file ? Result<Reconstruction>(reconstruction_of(*file)) : file.error();
+  }
+  const Result<ColmapModel> model = read_colmap_model(path);
+  return model ? Result<Reconstruction>(reconstruction_of(*model)) : model.error();
+}
+
+Result<Reconstruction> read_worlds(const fs::path& folder, const Json& report) {
   Reconstruction r;
   read_report(report, &r);
   std::map<int, fs::path> worlds;  // by segment
@@ -171,9 +193,18 @@ Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
     if (auto read = read_frames(path, segment, &posed); !read) return read.error();
   }
   place_frames(report.at("frames"), std::move(posed), &r);
+  if (r.origin == Origin::kSolve) read_lenses_json(report, &r);
   for (const auto& [segment, path] : worlds) {
     if (auto read = read_map(path, segment, &r); !read) return read.error();
   }
+  if (r.origin == Origin::kTrack) read_rig_json(report, &r.rig);
+  return r;
+}
+
+Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
+  if (origin_of(report) != Origin::kAdjust) return read_worlds(folder, report);
+  Result<Reconstruction> r = read_model(folder, report);
+  if (r) read_report(report, &*r);
   return r;
 }
 
@@ -186,7 +217,7 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   try {
     return read_all(folder, Json::parse(*text));
   } catch (const Json::exception& e) {
-    return bad_input(fmt::format("{}: not the report of a run of `track`: {}", path.string(), e.what()));
+    return bad_input(fmt::format("{}: not the report of a run: {}", path.string(), e.what()));
   }
 }
 

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raysfm/files/atomic_file.h"
+#include "raysfm/results/report_cameras.h"
 #include "raysfm/results/world_writers.h"
 #include "raysfm/scene/worlds.h"
 
@@ -36,6 +37,10 @@ Json percent(const std::optional<double>& part) {
   return part ? Json(100 * *part) : Json();
 }
 
+Json number(const std::optional<double>& value) {
+  return value ? Json(*value) : Json();
+}
+
 Json segments_json(const std::vector<Segment>& segments) {
   Json list = Json::array();
   for (const Segment& s : segments) {
@@ -43,7 +48,8 @@ Json segments_json(const std::vector<Segment>& segments) {
                     {"last", s.last},
                     {"reason", s.reason},
                     {"scale", scale_word(s.metric_scale)},
-                    {"scale_sigma_percent", percent(s.scale_sigma)}});
+                    {"scale_sigma_percent", percent(s.scale_sigma)},
+                    {"scale_sigma", number(s.scale_sigma)}});
   }
   return list;
 }
@@ -88,10 +94,46 @@ Json timing_json(const Report& report) {
                     {"max_ms", stage.max_ms},
                     {"count", stage.count}};
   }
+  if (report.adjustment) {
+    timing["read_s"] = report.adjustment->read_s;
+    timing["solve_s"] = report.adjustment->solve_s;
+  }
   timing["wall_s"] = report.wall_s;
-  timing["frames_per_second"] = report.frames_per_second;
+  if (!report.model) timing["frames_per_second"] = report.frames_per_second;
   timing["peak_rss_mib"] = report.peak_rss_mib;
   return timing;
+}
+
+const char* command_of(Origin origin) {
+  if (origin == Origin::kTrack) return "track";
+  return origin == Origin::kSolve ? "solve" : "adjust";
+}
+
+void write_lens(const LensReport& lens, Json* json) {
+  (*json)["lens"] = lens.zooming ? "zooming" : "fixed";
+  (*json)["lens_evidence"] = lens.evidence;
+  (*json)["degenerate"] = lens.degenerate.empty() ? Json() : Json(lens.degenerate);
+  (*json)["image_size"] = {lens.width, lens.height};
+}
+
+void write_model(const ModelReport& model, Json* json) {
+  (*json)["format"] = model.format;
+  (*json)["model"] = model.name;
+  (*json)["loss"] = {{"name", model.loss}, {"scale_px", model.loss_scale_px}};
+  (*json)["intrinsics"] = model.refines_intrinsics ? "refined" : "fixed";
+  (*json)["cameras"] = model.cameras;
+  (*json)["used"] = model.used_observations;
+  (*json)["dropped"] = model.dropped_observations;
+  (*json)["left_out"] = {{"images", model.images_left_out}, {"points", model.points_left_out}};
+  (*json)["kept_start"] = model.kept_start;
+  (*json)["initial_rms_reprojection_px"] = model.initial_rms_px;
+}
+
+void write_adjustment(const AdjustmentReport& adjustment, Json* json) {
+  (*json)["method"] = adjustment.method;
+  (*json)["cost"] = {{"initial", adjustment.initial_cost}, {"final", adjustment.final_cost}};
+  (*json)["iterations"] = adjustment.iterations;
+  (*json)["termination"] = adjustment.termination;
 }
 
 }  // namespace
@@ -100,13 +142,18 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   const Json starts = starts_json(reconstruction.starts);
   Json json;
   json["version"] = report.version;
+  json["command"] = command_of(reconstruction.origin);
   json["seed"] = report.seed;
   json["input"] = report.input;
   json["interrupted"] = report.interrupted;
+  if (report.lens) write_lens(*report.lens, &json);
+  if (report.model) write_model(*report.model, &json);
+  if (report.adjustment) write_adjustment(*report.adjustment, &json);
   json["camera_class"] = report.camera_class;
   json["error"] = report.error;
   json["scale"] = scale_word(reconstruction.metric_scale);
   json["scale_sigma_percent"] = percent(reconstruction.scale_sigma);
+  json["scale_sigma"] = number(reconstruction.scale_sigma);
   json["frames"] = frames_json(reconstruction.frames, report.frames_in_input);
   json["keyframes"] = reconstruction.keyframes.size();
   json["points"] = reconstruction.points.size();
@@ -117,6 +164,8 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["segments"] = segments_json(reconstruction.segments);
   json["start"] = starts.empty() ? Json() : starts.front();
   json["starts"] = starts;
+  if (reconstruction.origin == Origin::kTrack) write_rig_json(reconstruction.rig, &json);
+  if (reconstruction.origin == Origin::kSolve) write_lenses_json(reconstruction, &json);
   json["timing"] = timing_json(report);
   json["files"] = report.files;
   // Names of files need not be UTF-8.

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +14,38 @@
 namespace raysfm {
 
 constexpr uintmax_t kMaxReportBytes = 1u << 30;  // larger ones are not read
+
+// The adjustment of everything at once that `solve` ends with, and `adjust` is.
+struct AdjustmentReport {
+  std::string method = {};
+  double initial_cost = 0, final_cost = 0;  // half the sum of squared residuals, the loss applied
+  int iterations = 0;
+  std::string termination = {};
+  double read_s = 0, solve_s = 0;
+};
+
+// What `solve` found out about the lens.
+struct LensReport {
+  bool zooming = false;
+  std::string evidence = {};
+  std::string degenerate = {};  // empty, or the name of the motion or scene that does not tell the lens
+  int width = 0, height = 0;    // of the images; where they differ, the largest of each
+};
+
+// The model of another tool that `adjust` worked on.
+struct ModelReport {
+  std::string format = {};  // "bal" or "colmap"
+  std::string name = {};    // of the file or folder, in the output folder
+  std::string loss = {};
+  double loss_scale_px = 0;
+  bool refines_intrinsics = false;
+  int cameras = 0;
+  int used_observations = 0, dropped_observations = 0;
+  int images_left_out = 0;  // without an observation that takes part
+  int points_left_out = 0;  // seen by fewer than two images
+  bool kept_start = false;  // the adjustment would have raised the cost, so the model is as it was
+  double initial_rms_px = 0;
+};
 
 // What report.json says beyond the reconstruction itself.
 struct Report {
@@ -28,12 +61,15 @@ struct Report {
   double wall_s = 0;
   double frames_per_second = 0;
   double peak_rss_mib = 0;
+  std::optional<AdjustmentReport> adjustment = {};
+  std::optional<LensReport> lens = {};
+  std::optional<ModelReport> model = {};
 };
 
-// Text of report.json. Numbers of frames, key frames, points and observations, the segments, the starts and
-// the reasons of frames without a pose come from the reconstruction. `start` is that of the first segment,
-// `starts` holds those of all segments. `scale` is that of the main world, which `worlds` begins with; the
-// others follow in time order.
+// Text of report.json. Numbers of frames, key frames, points and observations, the cameras, the segments, the
+// starts and the reasons of frames without a pose come from the reconstruction. `start` is that of the first
+// segment, `starts` holds those of all segments. `scale` is that of the main world, which `worlds` begins
+// with; the others follow in time order.
 std::string report_json(const Reconstruction& reconstruction, const Report& report);
 
 // Writes report_json(). Errors: bad input, naming the file.

@@ -4,8 +4,6 @@
 
 #include <fstream>
 
-#include "raysfm/results/lens_file.h"
-
 namespace raysfm {
 namespace {
 
@@ -98,17 +96,6 @@ TEST_F(TracksFileTest, IsKnownByNameOrContent) {
   EXPECT_FALSE(is_tracks_file(other));
   std::filesystem::remove(other);
   EXPECT_FALSE(is_tracks_file(path_.parent_path()));
-}
-
-TEST_F(TracksFileTest, LensFileHasAColumnForEachNumber) {
-  const LensOfFrame lens{0.5, {500, 501, 320, 240, 0}, {1, 2, 3, INFINITY, 0}};
-  ASSERT_TRUE(write_lens_file({&lens, 1}, path_).ok());
-  std::ifstream file(path_);
-  std::string header, line;
-  std::getline(file, header);
-  std::getline(file, line);
-  EXPECT_EQ(header, "timestamp,fx,fy,cx,cy,skew,fx_sigma,fy_sigma,cx_sigma,cy_sigma,skew_sigma");
-  EXPECT_EQ(line, "0.500000000,500.000000,501.000000,320.000000,240.000000,0.000000,1,2,3,inf,0");
 }
 
 }  // namespace

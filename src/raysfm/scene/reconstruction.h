@@ -9,6 +9,7 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/geometry/pose.h"
+#include "raysfm/scene/frame_lens.h"
 
 namespace raysfm {
 
@@ -24,6 +25,7 @@ struct PosedFrame {
   Matrix6d covariance = Matrix6d::Zero();  // of world_from_rig, tangent (v, w) as in docs/conventions.md
   std::string reason;
   std::string image_name;  // name of the image file or "frame_000012"
+  int lens = -1;           // index into Reconstruction::lenses, -1: the rig's, or unknown
 };
 
 // A key frame's observations are the range [first_observation, last_observation) of
@@ -63,10 +65,19 @@ struct StartSummary {
   int inliers = 0;          // points that survived
 };
 
-// What a video became: poses of frames, and the map.
+// The command that made a reconstruction. It decides which files the results have (results/world_writers.h).
+enum class Origin : uint8_t {
+  kTrack,   // of calibrated cameras: the rig
+  kSolve,   // lenses were unknown: frames with a pose have their lens, there is no rig
+  kAdjust,  // a model of another tool: the same, and its images are numbered instead of timed
+};
+
+// What a video, photos, tracks or a model of another tool became: poses of frames, and the map.
 struct Reconstruction {
+  Origin origin = Origin::kTrack;
   Rig rig;
-  bool metric_scale = false;                         // of the segment with most posed frames
+  std::vector<FrameLens> lenses;  // where they are not the rig's; a fixed lens is one entry
+  bool metric_scale = false;      // of the segment with most posed frames
   std::optional<double> scale_sigma = std::nullopt;  // likewise
   std::vector<PosedFrame> frames;                    // one per frame of the input, in time order
   std::vector<KeyFrame> keyframes;
@@ -76,5 +87,10 @@ struct Reconstruction {
   std::vector<StartSummary> starts;  // one per segment
   double rms_reprojection_px = 0;    // over `observations`
 };
+
+// Camera `camera` of the rig in this frame: its own lens where it has one. There must be one of the two.
+inline const Camera& camera_of(const Reconstruction& reconstruction, const PosedFrame& frame, int camera) {
+  return frame.lens >= 0 ? reconstruction.lenses[frame.lens].camera : reconstruction.rig.cameras[camera];
+}
 
 }  // namespace raysfm

@@ -55,7 +55,9 @@ std::vector<int> worlds_in_order(const Reconstruction& reconstruction) {
 
 Reconstruction world_of(const Reconstruction& reconstruction, int segment) {
   Reconstruction world;
+  world.origin = reconstruction.origin;
   world.rig = reconstruction.rig;
+  world.lenses = reconstruction.lenses;
   world.rms_reprojection_px = reconstruction.rms_reprojection_px;
   world.segments.push_back(reconstruction.segments[segment]);
   world.metric_scale = world.segments[0].metric_scale;

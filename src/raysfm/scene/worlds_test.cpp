@@ -77,5 +77,35 @@ TEST(Worlds, AWorldHoldsNothingOfAnother) {
   EXPECT_GT(observations, 50u);
 }
 
+TEST(Worlds, AWorldKeepsItsOriginAndItsLenses) {
+  Reconstruction r = testing_support::small_solved_reconstruction(true, {});
+  r.segments = {{0, 2, "lost", false, {}}, {3, 11, "end of input", false, {}}};
+  for (int i = 3; i < 12; ++i) {
+    if (r.frames[i].world_from_rig) r.frames[i].segment = 1;
+  }
+  const Reconstruction world = world_of(r, 1);
+  EXPECT_EQ(world.origin, Origin::kSolve);
+  ASSERT_EQ(world.frames.size(), 8u);
+  EXPECT_EQ(&camera_of(world, world.frames[0], 0), &world.lenses[3].camera);
+  EXPECT_EQ(std::get<Pinhole>(camera_of(world, world.frames[0], 0).model).fx, 501);
+}
+
+TEST(FrameLens, IsMadeOfItsNumbersAndGivesThemBack) {
+  const Lens lens{500, 510, 320, 240, 0.25};
+  const FrameLens plain = frame_lens(lens, {}), bent = frame_lens(lens, {-0.1, 0.02});
+  for (const FrameLens* made : {&plain, &bent}) {
+    ASSERT_TRUE(lens_of(*made));
+    EXPECT_EQ(lens_of(*made)->vector(), lens.vector());
+  }
+  EXPECT_EQ(model_name(plain.camera.model), "pinhole");
+  EXPECT_EQ(model_name(bent.camera.model), "radtan");
+  EXPECT_TRUE(radial_distortion_of(plain).none());
+  EXPECT_EQ(radial_distortion_of(bent).k1, -0.1);
+  EXPECT_EQ(radial_distortion_of(bent).k2, 0.02);
+  FrameLens fisheye;
+  fisheye.camera.model = KannalaBrandt{500, 510, 320, 240};
+  EXPECT_FALSE(lens_of(fisheye));
+}
+
 }  // namespace
 }  // namespace raysfm

@@ -1,0 +1,184 @@
+#include "raysfm/api/solve_result.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "raysfm/robust/absolute_pose.h"
+#include "raysfm/uncalibrated/pose_covariance.h"
+
+namespace raysfm {
+namespace {
+
+std::string reason_without_pose(int seen, int agreeing) {
+  if (seen < kMinPointsPerImage) {
+    return fmt::format("too few tracks: {}, at least {} are needed", seen, kMinPointsPerImage);
+  }
+  return fmt::format("{} of {} tracks agree with a pose, at least {} are needed", agreeing, seen,
+                     kMinPointsPerImage);
+}
+
+bool same_but_for_rounding(const LensVector& a, const LensVector& b) {
+  constexpr double kRounding = 1e-12;
+  for (int i = 0; i < a.size(); ++i) {
+    if (a[i] != b[i] && !(std::abs(a[i] - b[i]) <= kRounding * std::abs(a[i]))) return false;
+  }
+  return true;
+}
+
+// The lens of an image, in an image of its own size.
+FrameLens lens_of_image(const SolveInput& input, const UncalibratedReconstruction& found, int image) {
+  const Eigen::Vector2i size =
+      input.sizes.empty() ? input.tracks.image_size.cast<int>().eval() : input.sizes[image];
+  Lens lens = found.scene.lenses[image];
+  lens.cx -= input.shift(image).x();
+  lens.cy -= input.shift(image).y();
+  FrameLens made = frame_lens(lens, found.radial);
+  made.camera.width = size.x();
+  made.camera.height = size.y();
+  made.sigma = found.lens_sigma[image];
+  made.radial_sigma = found.radial_sigma;
+  return made;
+}
+
+// The number of the lens of an image among `lenses`. One that does not zoom is that of all images that are of
+// one size and tell it equally well.
+int place_lens(const SolveInput& input, const UncalibratedReconstruction& found, int image,
+               std::vector<FrameLens>* lenses) {
+  FrameLens lens = lens_of_image(input, found, image);
+  for (size_t i = 0; !found.zooming && i < lenses->size(); ++i) {
+    const FrameLens& other = (*lenses)[i];
+    if (other.camera.width == lens.camera.width && other.camera.height == lens.camera.height &&
+        same_but_for_rounding(lens_of(other)->vector(), lens_of(lens)->vector()) &&
+        same_but_for_rounding(other.sigma, lens.sigma)) {
+      return static_cast<int>(i);
+    }
+  }
+  lenses->push_back(std::move(lens));
+  return static_cast<int>(lenses->size()) - 1;
+}
+
+void fill_frames(const SolveInput& input, const UncalibratedReconstruction& found,
+                 const Rigid3& found_from_world, Reconstruction* r) {
+  std::vector<int> seen(input.names.size(), 0), agreeing(input.names.size(), 0);
+  for (int k = 0; k < input.tracks.size(); ++k) {
+    ++seen[input.tracks.image[k]];
+    agreeing[input.tracks.image[k]] += found.inlier[k];
+  }
+  const auto covariances = pose_covariances(input.tracks, found);
+  for (size_t j = 0; j < input.names.size(); ++j) {
+    PosedFrame& frame = r->frames.emplace_back();
+    frame.timestamp = input.timestamps[j];
+    frame.image_name = input.names[j];
+    if (!found.image_posed[j]) {
+      const bool defective = !input.defects.empty() && !input.defects[j].empty();
+      frame.reason = defective ? input.defects[j] : reason_without_pose(seen[j], agreeing[j]);
+      continue;
+    }
+    const Rigid3 cam_from_world = found.scene.cam_from_world[j] * found_from_world;
+    frame.segment = 0;
+    frame.world_from_rig = cam_from_world.inverse();
+    // The upper triangle is what the file holds.
+    frame.covariance = covariance_in_world(cam_from_world, covariances[j]).selfadjointView<Eigen::Upper>();
+    frame.lens = place_lens(input, found, static_cast<int>(j), &r->lenses);
+  }
+}
+
+// The observations that agree, of key frames with a pose.
+void fill_map(const SolveInput& input, const UncalibratedReconstruction& found,
+              const Rigid3& world_from_found, Reconstruction* r) {
+  std::vector<int> number(found.point_placed.size(), -1);
+  for (size_t i = 0; i < number.size(); ++i) {
+    if (!found.point_placed[i]) continue;
+    number[i] = static_cast<int>(r->points.size());
+    MapPoint& point = r->points.emplace_back();
+    point.position = world_from_found * found.scene.points[i];
+    if (!input.rgb.empty()) point.rgb = input.rgb[i];
+  }
+  std::vector<std::vector<Observation>> of_image(input.names.size());
+  for (int k = 0; k < input.tracks.size(); ++k) {
+    const int image = input.tracks.image[k];
+    if (!found.inlier[k]) continue;
+    of_image[image].push_back({number[input.tracks.point[k]], 0, input.tracks.pixel[k] - input.shift(image)});
+  }
+  for (int j = 0; j < static_cast<int>(of_image.size()); ++j) {
+    if (!input.keyframe[j] || !found.image_posed[j]) continue;
+    const auto first = static_cast<int>(r->observations.size());
+    r->observations.insert(r->observations.end(), of_image[j].begin(), of_image[j].end());
+    r->keyframes.push_back({j, first, static_cast<int>(r->observations.size())});
+  }
+}
+
+// The one world, from the first pose to the last.
+void fill_segment(const UncalibratedReconstruction& found, bool interrupted, Reconstruction* r) {
+  const auto has_pose = [](const PosedFrame& frame) { return frame.world_from_rig.has_value(); };
+  const auto first = std::ranges::find_if(r->frames, has_pose);
+  if (first == r->frames.end()) return;
+  const auto end = std::find_if(r->frames.rbegin(), r->frames.rend(), has_pose).base();
+  const std::string last_reason = interrupted ? "interrupted" : "end of input";
+  r->segments.push_back({static_cast<int>(first - r->frames.begin()),
+                         static_cast<int>(end - r->frames.begin()) - 1,
+                         end == r->frames.end() ? last_reason : end->reason,
+                         found.world_is_given,
+                         {}});
+  r->starts.push_back(
+      {found.world_is_given ? "known structure" : "fundamental matrix and absolute dual quadric",
+       {found.start_images[0], found.start_images[1]},
+       found.start_inliers});
+}
+
+Reconstruction solved_reconstruction(const SolveInput& input, UncalibratedReconstruction& found,
+                                     bool interrupted) {
+  if (found.lens_sigma.size() != input.names.size()) {
+    found.lens_sigma.assign(input.names.size(), LensVector::Constant(INFINITY));
+  }
+  Reconstruction r;
+  r.origin = Origin::kSolve;
+  r.metric_scale = found.world_is_given;
+  r.rms_reprojection_px = found.rms_px;
+  const auto first = std::ranges::find(found.image_posed, 1);
+  Rigid3 found_from_world;
+  if (!found.world_is_given && first != found.image_posed.end()) {
+    found_from_world = found.scene.cam_from_world[first - found.image_posed.begin()].inverse();
+  }
+  fill_frames(input, found, found_from_world, &r);
+  fill_map(input, found, found_from_world.inverse(), &r);
+  fill_segment(found, interrupted, &r);
+  return r;
+}
+
+Report solve_report(const SolveInput& input, const UncalibratedReconstruction& found,
+                    const SolveSettings& settings) {
+  const LmSummary& lm = found.adjustment.lm;
+  Report report;
+  report.seed = settings.seed;
+  report.input = {settings.input};
+  report.camera_class = "central";
+  report.error = "pixel";
+  report.stages = input.stages;
+  report.stages.insert(report.stages.end(), found.stages.begin(), found.stages.end());
+  report.lens = {found.zooming, found.lens_evidence, found.degenerate,
+                 static_cast<int>(input.tracks.image_size.x()),
+                 static_cast<int>(input.tracks.image_size.y())};
+  report.adjustment = {.method = settings.method,
+                       .initial_cost = lm.initial_cost,
+                       .final_cost = lm.final_cost,
+                       .iterations = lm.iterations,
+                       .termination = std::string(to_string(lm.termination))};
+  return report;
+}
+
+}  // namespace
+
+SolveResult solve_result(const SolveInput& input, UncalibratedReconstruction found,
+                         const SolveSettings& settings, bool interrupted) {
+  SolveResult result{solved_reconstruction(input, found, interrupted), solve_report(input, found, settings)};
+  result.report.interrupted = interrupted;
+  return result;
+}
+
+}  // namespace raysfm

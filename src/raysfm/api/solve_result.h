@@ -1,0 +1,14 @@
+#pragma once
+
+#include "raysfm/api/solve.h"
+#include "raysfm/api/solve_input.h"
+#include "raysfm/uncalibrated/reconstruct.h"
+
+namespace raysfm {
+
+// What was found, as a reconstruction and a report; times are left to the caller. Poses are told from the
+// camera of the first image with a pose, unless the world is given. `interrupted`: the input had more.
+SolveResult solve_result(const SolveInput& input, UncalibratedReconstruction found,
+                         const SolveSettings& settings, bool interrupted);
+
+}  // namespace raysfm

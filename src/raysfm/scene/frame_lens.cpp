@@ -1,0 +1,31 @@
+#include "raysfm/scene/frame_lens.h"
+
+#include <variant>
+
+namespace raysfm {
+
+FrameLens frame_lens(const Lens& lens, const RadialDistortion& radial) {
+  FrameLens made;
+  if (radial.none()) {
+    made.camera.model = Pinhole{lens.fx, lens.fy, lens.cx, lens.cy};
+  } else {
+    made.camera.model = Radtan{lens.fx, lens.fy, lens.cx, lens.cy, radial.k1, radial.k2};
+  }
+  made.skew = lens.skew;
+  return made;
+}
+
+std::optional<Lens> lens_of(const FrameLens& lens) {
+  if (const auto* m = std::get_if<Pinhole>(&lens.camera.model))
+    return Lens{m->fx, m->fy, m->cx, m->cy, lens.skew};
+  if (const auto* m = std::get_if<Radtan>(&lens.camera.model))
+    return Lens{m->fx, m->fy, m->cx, m->cy, lens.skew};
+  return std::nullopt;
+}
+
+RadialDistortion radial_distortion_of(const FrameLens& lens) {
+  const auto* m = std::get_if<Radtan>(&lens.camera.model);
+  return m ? RadialDistortion{m->k1, m->k2} : RadialDistortion{};
+}
+
+}  // namespace raysfm
