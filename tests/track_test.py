@@ -302,7 +302,7 @@ class BadInput(TrackTest):
             self.refuses(self.source, "--config", config, says=["config.yaml", *says])
         for line in ("threads: -1", "threads: 100000", "features: 3", "free-cameras: 0", "window: 0", "fps: -1", "fps: .nan"):
             config = self.file("config.yaml", line + "\n")
-            self.refuses(self.source, "--config", config, says=line.split(": ")[:1])
+            self.refuses(self.source, "--config", config, says=["config.yaml: line 1: " + line.split(": ")[0]])
         self.refuses(self.source, "--config", self.folder / "missing.yaml", says=["missing.yaml"])
         self.refuses(self.source, "--config", self.folder, says=[self.folder])
 

@@ -68,6 +68,29 @@ TEST_F(ConfigTest, BadFilesNameFileKeyAndWhatIsAllowed) {
   message(std::string(2 << 20, ' '));
 }
 
+TEST_F(ConfigTest, AFileThatSaysNothingIsNoError) {
+  for (const char* text : {"", "# nothing\n", "---\n", "~\n"}) {
+    EXPECT_TRUE(read_config(write(text), setting_fields(settings_), {}).ok()) << text;
+  }
+}
+
+// Values are checked once the whole is known, by those who do not know where they came from.
+TEST_F(ConfigTest, ErrorsOfValuesNameTheFileAndTheLine) {
+  const auto record =
+      read_config(write("fps: 10\nfeatures: 900\nwindow: 7\n"), setting_fields(settings_), {"window"});
+  ASSERT_TRUE(record.ok());
+  const auto message = [&](const std::string& text) {
+    return where_it_was_set(bad_input(text), *record).message;
+  };
+  EXPECT_EQ(message("--features = 900: must be less"),
+            path_.string() + ": line 2: features = 900: must be less");
+  EXPECT_EQ(message("fps: 10; allowed: more"), path_.string() + ": line 1: fps: 10; allowed: more");
+  for (const char* other :
+       {"--window = 7: must be more", "video.mp4: fps unknown", "features", "--fps", ""}) {
+    EXPECT_EQ(message(other), other);
+  }
+}
+
 TEST_F(ConfigTest, AMissingFileIsBadInput) {
   EXPECT_FALSE(read_config("no/such/file.yaml", setting_fields(settings_), {}).ok());
 }
