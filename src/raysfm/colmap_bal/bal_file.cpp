@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <new>
 #include <optional>
 
 #include "raysfm/files/atomic_file.h"
@@ -190,7 +191,7 @@ std::string format_bal(const BalFile& file) {
   return text;
 }
 
-Result<BalFile> read_bal_file(const std::filesystem::path& path) {
+Result<BalFile> read_bal_file(const std::filesystem::path& path) try {
   Result<std::string> text = read_text_file(path, kMaxTextBytes);
   if (!text) return text.error();
   const bool compressed = is_bzip2(*text);
@@ -202,6 +203,8 @@ Result<BalFile> read_bal_file(const std::filesystem::path& path) {
   Result<BalFile> file = parse_bal(*text, path.string());
   if (file) file->compressed = compressed;
   return file;
+} catch (const std::bad_alloc&) {
+  return internal_error(fmt::format("{}: not enough memory to read it", path.string()));
 }
 
 Result<void> write_bal_file(const BalFile& file, const std::filesystem::path& path) {

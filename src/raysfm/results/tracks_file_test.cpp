@@ -111,5 +111,18 @@ TEST_F(TracksFileTest, LensFileHasAColumnForEachNumber) {
   EXPECT_EQ(line, "0.500000000,500.000000,501.000000,320.000000,240.000000,0.000000,1,2,3,inf,0");
 }
 
+// Nine decimals would make one timestamp of them.
+TEST_F(TracksFileTest, LensesAPicosecondApartAreToldApart) {
+  const LensOfFrame lenses[] = {{1, {}, {}}, {1 + 1e-12, {}, {}}};
+  ASSERT_TRUE(write_lens_file(lenses, path_).ok());
+  std::ifstream file(path_);
+  std::string line;
+  std::getline(file, line);
+  for (const LensOfFrame& lens : lenses) {
+    std::getline(file, line);
+    EXPECT_EQ(std::stod(line), lens.timestamp) << line;
+  }
+}
+
 }  // namespace
 }  // namespace raysfm
