@@ -7,6 +7,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "raysfm/core/random.h"
+#include "support/damage.h"
+
 namespace raysfm {
 namespace {
 
@@ -88,6 +91,25 @@ TEST_F(ConfigTest, ErrorsOfValuesNameTheFileAndTheLine) {
   for (const char* other :
        {"--window = 7: must be more", "video.mp4: fps unknown", "features", "--fps", ""}) {
     EXPECT_EQ(message(other), other);
+  }
+}
+
+// Whatever comes in, settings or one line come out.
+TEST_F(ConfigTest, DamagedFiles) {
+  const std::string pieces[] = {
+      ":",   "\n",          "- ",    "[",  "]",   "{",   "}",    "~",  "&a ",   "*a",
+      "!t ", "|\n",         "'",     "\"", "#",   "nan", ".inf", "-1", "1e999", "99999999999999999999",
+      "\t",  "%YAML:1.0\n", "---\n", "? ", "\xff"};
+  const std::string whole = effective_config(settings_, "1.2.3");
+  Rng random(1);
+  for (int i = 0; i < 3000; ++i) {
+    const std::string broken = testing_support::damaged(whole, pieces, random);
+    TrackSettings settings;
+    const auto record = read_config(write(broken), setting_fields(settings), {});
+    if (record.ok()) continue;
+    EXPECT_EQ(record.error().kind, ErrorKind::kBadInput);
+    EXPECT_EQ(record.error().message.find('\n'), std::string::npos) << record.error().message;
+    ASSERT_TRUE(record.error().message.starts_with(path_.string())) << record.error().message;
   }
 }
 
