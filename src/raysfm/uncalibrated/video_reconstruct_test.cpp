@@ -146,6 +146,21 @@ TEST(ReconstructVideo, StopsWhereItIsToldTo) {
   EXPECT_LT(worst_focal_error_of_posed(walk, *result), 0.02);
 }
 
+TEST(ReconstructVideo, AdjustmentsEndWhenTheyAreToldTo) {
+  const Walk walk = make_walk(120, 0, 0.2);
+  std::atomic<bool> stop = false;
+  VideoOptions video;
+  video.progress = [&](int posed, int) { stop = posed >= 20; };
+  video.stop = &stop;
+  SolveOptions options;
+  options.lens = LensChange::kFixed;
+  options.go_on = [&](const IterationInfo&) { return !stop; };
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, options, video);
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_EQ(result->adjustment.lm.termination, Termination::kInterrupted);
+  EXPECT_LE(result->adjustment.lm.iterations, 3);  // one in each round of weights
+}
+
 // Every long loop asks whether to go on; whenever it is told not to, hardly anything follows.
 TEST(ReconstructVideo, EndsSoonWheneverItIsToldTo) {
   const Walk walk = make_walk(60, 0, 0.2);
