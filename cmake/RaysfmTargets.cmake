@@ -14,6 +14,9 @@ function(raysfm_add_library folder)
     list(FILTER sources EXCLUDE REGEX "_test\\.cpp$")
     list(REMOVE_ITEM sources ${ARG_APART})
   endif()
+  if(RAYSFM_SANITIZE)
+    raysfm_without_ceres(tests ARG_TEST_DEPENDS)
+  endif()
   raysfm_keep_apart(${sources})
 
   set(target raysfm_${folder})
@@ -79,6 +82,22 @@ function(raysfm_compile_options target)
     # it but shares functions with the tests.
     target_compile_definitions(${target} PRIVATE EIGEN_MALLOC_ALREADY_ALIGNED=1)
   endif()
+endfunction()
+
+# Takes the tests that ask Ceres off a list of them, and Ceres off what they link: it is not built with sanitizers,
+# and its copies of Eigen's functions would be mixed with those that are.
+function(raysfm_without_ceres tests_name depends_name)
+  set(kept)
+  foreach(test ${${tests_name}})
+    file(STRINGS ${test} oracle REGEX "#include.*ceres" LIMIT_COUNT 1)
+    if(NOT oracle)
+      list(APPEND kept ${test})
+    endif()
+  endforeach()
+  set(others ${${depends_name}})
+  list(REMOVE_ITEM others Ceres::ceres)
+  set(${tests_name} ${kept} PARENT_SCOPE)
+  set(${depends_name} ${others} PARENT_SCOPE)
 endfunction()
 
 # Sources that Highway compiles once per instruction set include themselves and cannot share a translation unit.

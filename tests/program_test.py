@@ -51,10 +51,10 @@ class Usage(ProgramTest):
 
     def test_configuration(self):
         images = self.file("images/0.pgm", b"P5 64 48 255\n" + bytes(64 * 48)).parent
-        for text, says in (("window: 7\nwindow: 8\n", ["window", "given twice"]),
+        for text, says in (("window: 7\nwindow: 8\n", ["line 2", "window", "twice"]),
                            ("foo: 1\n", ["'foo' is no setting", "window"]), ("input: {a: 1}\n", ["input", "a list"]),
-                           ("version: [1]\n", ["version", "a text"]), ("[" * 100000, ["nested too deeply"]),
-                           ("a: [1, 2\n", ["config.yaml:2", "YAML"])):
+                           ("version: [1]\n", ["version", "a text"]), ("[" * 100000, ["line 1", "nested deeper"]),
+                           ("a: [1, 2\n", ["config.yaml: line 2", "YAML"])):
             config = self.file("config.yaml", text)
             done = run("track", images, "--config", config, "--out", self.folder / "out")
             self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)

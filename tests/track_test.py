@@ -257,6 +257,27 @@ class BadInput(TrackTest):
         self.assertIn(done.returncode, (2, 3), done.stderr)
         self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
 
+    def test_decoders_say_nothing_themselves(self):
+        kinds = ("png", "jpg", "bmp", "tif", "webp")
+        for kind in kinds:
+            folder = self.folder / kind
+            folder.mkdir()
+            subprocess.run(["ffmpeg", "-loglevel", "error", "-i", STREET / "images" / "%06d.png", "-frames:v", "5",
+                            folder / f"%02d.{kind}"], check=True)
+            for i, path in enumerate(sorted(folder.iterdir())):
+                content = path.read_bytes()
+                size = len(content)
+                cut = content[:size * i // 9] if i % 2 else content
+                path.write_bytes(cut if i < 2 else cut[:size // 3] + bytes(7 * i) + cut[size // 3 + 9 * i:])
+            (folder / f"00.{kind}").write_bytes((folder / f"01.{kind}").read_bytes())
+        video = bytearray(self.video("street.mp4", "-frames:v", "12").read_bytes())
+        for at in range(2000, len(video) // 2, 997):
+            video[at] ^= 0x5a
+        for source in (*(self.folder / kind for kind in kinds), self.file("broken.mp4", bytes(video))):
+            done = run("track", source, "--camera", STREET / "camera.yaml", "--out", self.folder / "noisy", "--threads", 1)
+            for line in done.stderr.splitlines():
+                self.assertRegex(line, r"\A(raysfm track: |warning: |frame \d|started |no start|track )", source)
+
     def test_truncated_video_without_index(self):
         video = self.video("street.mp4")
         video.write_bytes(video.read_bytes()[:video.stat().st_size * 6 // 10])
@@ -302,7 +323,7 @@ class BadInput(TrackTest):
             self.refuses(self.source, "--config", config, says=["config.yaml", *says])
         for line in ("threads: -1", "threads: 100000", "features: 3", "free-cameras: 0", "window: 0", "fps: -1", "fps: .nan"):
             config = self.file("config.yaml", line + "\n")
-            self.refuses(self.source, "--config", config, says=line.split(": ")[:1])
+            self.refuses(self.source, "--config", config, says=["config.yaml: line 1: " + line.split(": ")[0]])
         self.refuses(self.source, "--config", self.folder / "missing.yaml", says=["missing.yaml"])
         self.refuses(self.source, "--config", self.folder, says=[self.folder])
 

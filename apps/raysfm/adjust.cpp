@@ -83,12 +83,12 @@ Command add_adjust(CLI::App& program, const CommonOptions& common) {
   command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle_settings(setting_fields(arguments->settings), *command, program, common,
-                                 &arguments->settings.input);
-        !r) {
-      return r.error();
-    }
-    return run(*arguments, common);
+    const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,
+                                                        program, common, &arguments->settings.input);
+    if (!config) return config.error();
+    Result<int> code = run(*arguments, common);
+    if (!code) return where_it_was_set(code.error(), *config);
+    return code;
   };
 }
 

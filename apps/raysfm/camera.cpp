@@ -113,7 +113,9 @@ Result<int> run_show(const CameraOptions& options, const CommonOptions& common) 
     const std::string inputs[] = {options.file};
     if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
     const Result<void> plotted = plot_cameras(*rig, options.plot);
-    if (!plotted) return bad_input(fmt::format("{}: {}", options.file, plotted.error().message));
+    if (!plotted) {
+      return Error{plotted.error().kind, fmt::format("{}: {}", options.file, plotted.error().message)};
+    }
   }
   if (common.quiet) return 0;
   std::string text;

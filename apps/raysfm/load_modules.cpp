@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <system_error>
 
 #include "modules/modules.h"
@@ -29,6 +30,9 @@ Result<const Module*> load() {
   const void* table = library ? dlsym(library, Module::kSymbol) : nullptr;
   if (table) return static_cast<const Module*>(table);
   const char* reason = dlerror();
+  if (reason && std::string_view(reason).find("failed to map segment") != std::string_view::npos) {
+    return internal_error(fmt::format("not enough memory to load a part of the program: {}", reason));
+  }
   return internal_error(
       fmt::format("a part of the program cannot be loaded: {}", reason ? reason : path.string()));
 }

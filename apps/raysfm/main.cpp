@@ -3,8 +3,10 @@
 #include <charconv>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <new>
 #include <string>
 
 #include "commands.h"
@@ -21,6 +23,27 @@ int exit_code(raysfm::ErrorKind kind) {
       return 1;
   }
   return 1;
+}
+
+std::terminate_handler usual_end = nullptr;
+
+// A library that is being loaded lets nothing through that it throws.
+void on_terminate() {
+  try {
+    if (const std::exception_ptr thrown = std::current_exception()) std::rethrow_exception(thrown);
+  } catch (const std::bad_alloc&) {
+    std::fputs("raysfm: not enough memory\n", stderr);
+    std::_Exit(1);
+  } catch (...) {
+  }
+  usual_end();
+}
+
+// Where memory ends in the middle of a computation nobody can tell what it was for.
+raysfm::Result<int> within_memory(const raysfm::app::Command& command) try {
+  return command();
+} catch (const std::bad_alloc&) {
+  return raysfm::internal_error("not enough memory");
 }
 
 // A negative number would be taken for a large one, and a larger one for the largest.
@@ -67,7 +90,7 @@ int run(int argc, char** argv) {
   }
   for (const auto& [name, command] : commands) {
     if (!program.got_subcommand(name)) continue;
-    const raysfm::Result<int> result = command();
+    const raysfm::Result<int> result = within_memory(command);
     if (result) return *result;
     std::fprintf(stderr, "raysfm %s: %s\n", name, result.error().message.c_str());
     return exit_code(result.error().kind);
@@ -83,6 +106,7 @@ int main(int argc, char** argv) {
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   // A limit of file sizes is an error of writing like a full disk.
   std::signal(SIGXFSZ, SIG_IGN);
+  usual_end = std::set_terminate(on_terminate);
   try {
     return run(argc, argv);
   } catch (const std::exception& e) {

@@ -40,9 +40,9 @@ void add_setting_flags(CLI::App& command, const std::vector<SettingField>& field
   }
 }
 
-Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
-                             const CLI::App& program, const CommonOptions& common,
-                             std::vector<std::string>* inputs) {
+Result<ConfigRecord> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
+                                     const CLI::App& program, const CommonOptions& common,
+                                     std::vector<std::string>* inputs) {
   std::set<std::string> given;
   for (const SettingField& field : fields) {
     const CLI::App& owner = is_common(field) ? program : command;
@@ -60,22 +60,24 @@ Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI:
     std::fprintf(stderr, "warning: %s is of version %s, this is %s\n", common.config.c_str(),
                  record.version.c_str(), RAYSFM_VERSION);
   }
-  if (!inputs) return {};
-  if (inputs->empty()) *inputs = std::move(record.inputs);
+  if (!inputs) return record;
+  if (inputs->empty()) *inputs = record.inputs;
   if (inputs->empty()) return bad_input("INPUT is missing; allowed: on the command line, or in --config");
-  return {};
+  return record;
 }
 
-Result<void> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
-                             const CLI::App& program, const CommonOptions& common, std::string* input) {
+Result<ConfigRecord> settle_settings(const std::vector<SettingField>& fields, const CLI::App& command,
+                                     const CLI::App& program, const CommonOptions& common,
+                                     std::string* input) {
   std::vector<std::string> inputs;
   if (!input->empty()) inputs.push_back(*input);
-  if (auto r = settle_settings(fields, command, program, common, &inputs); !r) return r;
+  Result<ConfigRecord> record = settle_settings(fields, command, program, common, &inputs);
+  if (!record) return record;
   if (inputs.size() > 1) {
     return bad_input(fmt::format("{}: input: {} of them, one is allowed", common.config, inputs.size()));
   }
   *input = inputs[0];
-  return {};
+  return record;
 }
 
 CLI::Validator named() {

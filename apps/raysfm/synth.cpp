@@ -178,9 +178,13 @@ Command add_synth(CLI::App& program, const CommonOptions& common) {
   add_setting_flags(*command, flags);
   command->add_flag("--list", arguments->list, "list worlds and motions");
   return [arguments, command, &program, &common]() -> Result<int> {
-    if (auto r = settle_settings(setting_fields(*arguments), *command, program, common); !r) return r.error();
+    const Result<ConfigRecord> config =
+        settle_settings(setting_fields(*arguments), *command, program, common);
+    if (!config) return config.error();
     find_camera(*arguments, command->count("--camera") > 0, common.config);
-    return run(*arguments, common);
+    Result<int> code = run(*arguments, common);
+    if (!code) return where_it_was_set(code.error(), *config);
+    return code;
   };
 }
 

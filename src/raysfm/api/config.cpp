@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <yaml-cpp/depthguard.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
 #include <type_traits>
+
+#include "raysfm/files/config_tree.h"
+#include "raysfm/files/text_file.h"
 
 namespace raysfm {
 namespace {
@@ -21,73 +23,87 @@ const char* kind_of() {
   return "a whole number";
 }
 
-Result<void> assign(const std::filesystem::path& path, const SettingField& field, const YAML::Node& node) {
-  return std::visit(
-      [&](auto* target) -> Result<void> {
-        using T = std::remove_pointer_t<decltype(target)>;
-        const std::string text = node.IsScalar() ? node.Scalar() : "(not a single value)";
-        T value{};
-        if (!node.IsScalar() || !YAML::convert<T>::decode(node, value)) {
-          return bad_input(
-              fmt::format("{}: {}: '{}' must be {}", path.string(), field.name, text, kind_of<T>()));
-        }
-        if constexpr (std::is_same_v<T, std::string>) {
-          if (!field.allowed.empty() && std::ranges::find(field.allowed, value) == field.allowed.end()) {
-            return bad_input(fmt::format("{}: {}: '{}' must be one of {}", path.string(), field.name, value,
-                                         fmt::join(field.allowed, ", ")));
-          }
-        }
-        *target = value;
-        return {};
-      },
-      field.value);
-}
+// Reads one configuration into the fields.
+class ConfigReader {
+ public:
+  ConfigReader(const std::string& file, const std::vector<SettingField>& fields,
+               const std::set<std::string>& given)
+      : file_(file), fields_(fields), given_(given) {
+    record_.file = file;
+  }
 
-Result<void> read_record(const std::filesystem::path& path, const std::string& key, const YAML::Node& node,
-                         ConfigRecord* record) {
-  std::vector<std::string> texts;
-  if (node.IsScalar()) texts.push_back(node.Scalar());
-  for (const auto& part : node) {
-    if (part.IsDefined() && part.IsScalar()) texts.push_back(part.Scalar());
-  }
-  const bool no_inputs = key == "input" && node.IsNull();
-  const size_t parts = node.IsSequence() ? node.size() : no_inputs ? 0 : 1;
-  if (texts.size() != parts || (key == "version" && !node.IsScalar())) {
-    return bad_input(
-        fmt::format("{}: {}: must be {}", path.string(), key, key == "input" ? "a list of texts" : "a text"));
-  }
-  if (key == "version") {
-    record->version = texts[0];
-  } else {
-    record->inputs = std::move(texts);
-  }
-  return {};
-}
-
-Result<ConfigRecord> read_entries(const std::filesystem::path& path, const YAML::Node& root,
-                                  const std::vector<SettingField>& fields,
-                                  const std::set<std::string>& given) {
-  ConfigRecord record;
-  std::set<std::string> seen;
-  for (const auto& entry : root) {
-    const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
-    if (!seen.insert(key).second) return bad_input(fmt::format("{}: {}: given twice", path.string(), key));
-    const auto field = std::ranges::find(fields, key, &SettingField::name);
-    Result<void> read;
-    if (key == "version" || key == "input") {
-      read = read_record(path, key, entry.second, &record);
-    } else if (field == fields.end()) {
-      std::vector<std::string> names;
-      for (const SettingField& known : fields) names.push_back(known.name);
-      read = bad_input(
-          fmt::format("{}: '{}' is no setting; allowed: {}", path.string(), key, fmt::join(names, ", ")));
-    } else if (!given.contains(key)) {
-      read = assign(path, *field, entry.second);
+  Result<ConfigRecord> read(const ConfigNode& root) {
+    for (size_t i = 0; i < root.items.size(); ++i) {
+      if (auto r = entry(root.keys[i], root.items[i]); !r) return r.error();
     }
-    if (!read) return read.error();
+    return std::move(record_);
   }
-  return record;
-}
+
+ private:
+  template <typename... Parts>
+  Error refused(const ConfigNode& node, fmt::format_string<Parts...> text, Parts&&... parts) const {
+    return bad_input(
+        fmt::format("{}: line {}: {}", file_, node.line, fmt::format(text, std::forward<Parts>(parts)...)));
+  }
+
+  Result<void> entry(const std::string& key, const ConfigNode& node) {
+    if (key == "version") return version(node);
+    if (key == "input") return inputs(node);
+    const auto field = std::ranges::find(fields_, key, &SettingField::name);
+    if (field == fields_.end()) {
+      std::vector<std::string> names;
+      for (const SettingField& known : fields_) names.push_back(known.name);
+      return refused(node, "'{}' is no setting; allowed: {}", shown(key), fmt::join(names, ", "));
+    }
+    if (given_.contains(key)) return {};
+    record_.lines[key] = node.line;
+    return assign(*field, node);
+  }
+
+  Result<void> version(const ConfigNode& node) {
+    if (node.kind != ConfigNode::Kind::kScalar) return refused(node, "version: must be a text");
+    record_.version = node.text;
+    return {};
+  }
+
+  Result<void> inputs(const ConfigNode& node) {
+    if (node.kind == ConfigNode::Kind::kScalar) record_.inputs = {node.text};
+    const bool texts =
+        node.kind != ConfigNode::Kind::kMap && std::ranges::all_of(node.items, [](const ConfigNode& part) {
+          return part.kind == ConfigNode::Kind::kScalar;
+        });
+    if (!texts) return refused(node, "input: must be a list of texts");
+    for (const ConfigNode& part : node.items) record_.inputs.push_back(part.text);
+    return {};
+  }
+
+  Result<void> assign(const SettingField& field, const ConfigNode& node) const {
+    return std::visit(
+        [&](auto* target) -> Result<void> {
+          using T = std::remove_pointer_t<decltype(target)>;
+          const bool scalar = node.kind == ConfigNode::Kind::kScalar;
+          const std::string text = scalar ? shown(node.text) : "(not a single value)";
+          T value{};
+          if (!scalar || !YAML::convert<T>::decode(YAML::Node(node.text), value)) {
+            return refused(node, "{}: '{}' must be {}", field.name, text, kind_of<T>());
+          }
+          if constexpr (std::is_same_v<T, std::string>) {
+            if (!field.allowed.empty() && std::ranges::find(field.allowed, value) == field.allowed.end()) {
+              return refused(node, "{}: '{}' must be one of {}", field.name, text,
+                             fmt::join(field.allowed, ", "));
+            }
+          }
+          *target = value;
+          return {};
+        },
+        field.value);
+  }
+
+  const std::string& file_;
+  const std::vector<SettingField>& fields_;
+  const std::set<std::string>& given_;
+  ConfigRecord record_;
+};
 
 std::string yaml_quoted(const std::string& text) {
   YAML::Emitter out;
@@ -135,24 +151,24 @@ Result<void> check_threads(int threads) {
 
 Result<ConfigRecord> read_config(const std::filesystem::path& path, const std::vector<SettingField>& fields,
                                  const std::set<std::string>& given) {
-  std::error_code error;
-  const uintmax_t size = std::filesystem::file_size(path, error);
-  if (error) return bad_input(fmt::format("{}: {}", path.string(), error.message()));
-  if (size > kMaxConfigBytes) {
-    return bad_input(
-        fmt::format("{}: {} bytes; a configuration has at most {}", path.string(), size, kMaxConfigBytes));
+  const std::string file = path.string();
+  const Result<std::string> text = read_text_file(path, kMaxConfigBytes);
+  if (!text) return text.error();
+  Result<ConfigNode> root = ConfigNode{};
+  if (!content_lines(*text).empty()) root = parse_yaml(*text, file);
+  if (!root) return root.error();
+  if (root->kind != ConfigNode::Kind::kMap && root->kind != ConfigNode::Kind::kNull) {
+    return bad_input(fmt::format("{}: must be a list of 'name: value' lines", file));
   }
-  try {
-    const YAML::Node root = YAML::LoadFile(path.string());
-    if (root.IsNull()) return ConfigRecord{};
-    if (!root.IsMap())
-      return bad_input(fmt::format("{}: must be a list of 'name: value' lines", path.string()));
-    return read_entries(path, root, fields, given);
-  } catch (const YAML::DeepRecursion&) {
-    return bad_input(fmt::format("{}: not readable as YAML: nested too deeply", path.string()));
-  } catch (const YAML::Exception& e) {
-    return bad_input(fmt::format("{}:{}: not readable as YAML: {}", path.string(), e.mark.line + 1, e.msg));
-  }
+  return ConfigReader(file, fields, given).read(*root);
+}
+
+Error where_it_was_set(Error error, const ConfigRecord& record) {
+  const std::string& text = error.message;
+  const size_t begin = text.starts_with("--") ? 2 : 0, end = text.find_first_of(" :", begin);
+  const auto line = record.lines.find(text.substr(begin, end - begin));
+  if (end == std::string::npos || line == record.lines.end()) return error;
+  return {error.kind, fmt::format("{}: line {}: {}", record.file, line->second, text.substr(begin))};
 }
 
 std::string effective_config(TrackSettings settings, const std::string& version) {

@@ -7,6 +7,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "raysfm/core/random.h"
+#include "support/damage.h"
+
 namespace raysfm {
 namespace {
 
@@ -66,6 +69,48 @@ TEST_F(ConfigTest, BadFilesNameFileKeyAndWhatIsAllowed) {
   message("- a\n- b\n");
   message("window: [1, 2\n");
   message(std::string(2 << 20, ' '));
+}
+
+TEST_F(ConfigTest, AFileThatSaysNothingIsNoError) {
+  for (const char* text : {"", "# nothing\n", "---\n", "~\n"}) {
+    EXPECT_TRUE(read_config(write(text), setting_fields(settings_), {}).ok()) << text;
+  }
+}
+
+// Values are checked once the whole is known, by those who do not know where they came from.
+TEST_F(ConfigTest, ErrorsOfValuesNameTheFileAndTheLine) {
+  const auto record =
+      read_config(write("fps: 10\nfeatures: 900\nwindow: 7\n"), setting_fields(settings_), {"window"});
+  ASSERT_TRUE(record.ok());
+  const auto message = [&](const std::string& text) {
+    return where_it_was_set(bad_input(text), *record).message;
+  };
+  EXPECT_EQ(message("--features = 900: must be less"),
+            path_.string() + ": line 2: features = 900: must be less");
+  EXPECT_EQ(message("fps: 10; allowed: more"), path_.string() + ": line 1: fps: 10; allowed: more");
+  for (const char* other :
+       {"--window = 7: must be more", "video.mp4: fps unknown", "features", "--fps", ""}) {
+    EXPECT_EQ(message(other), other);
+  }
+}
+
+// Whatever comes in, settings or one line come out.
+TEST_F(ConfigTest, DamagedFiles) {
+  const std::string pieces[] = {
+      ":",   "\n",          "- ",    "[",  "]",   "{",   "}",    "~",  "&a ",   "*a",
+      "!t ", "|\n",         "'",     "\"", "#",   "nan", ".inf", "-1", "1e999", "99999999999999999999",
+      "\t",  "%YAML:1.0\n", "---\n", "? ", "\xff"};
+  const std::string whole = effective_config(settings_, "1.2.3");
+  Rng random(1);
+  for (int i = 0; i < 3000; ++i) {
+    const std::string broken = testing_support::damaged(whole, pieces, random);
+    TrackSettings settings;
+    const auto record = read_config(write(broken), setting_fields(settings), {});
+    if (record.ok()) continue;
+    EXPECT_EQ(record.error().kind, ErrorKind::kBadInput);
+    EXPECT_EQ(record.error().message.find('\n'), std::string::npos) << record.error().message;
+    ASSERT_TRUE(record.error().message.starts_with(path_.string())) << record.error().message;
+  }
 }
 
 TEST_F(ConfigTest, AMissingFileIsBadInput) {

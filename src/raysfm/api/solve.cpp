@@ -40,7 +40,7 @@ Result<void> validate(SolveSettings settings) {
   return {};
 }
 
-SolveOptions options_of(const SolveSettings& settings) {
+SolveOptions options_of(const SolveSettings& settings, const std::atomic<bool>* stop) {
   SolveOptions options;
   if (settings.lens == "fixed") options.lens = LensChange::kFixed;
   if (settings.lens == "zoom") options.lens = LensChange::kZoom;
@@ -49,6 +49,7 @@ SolveOptions options_of(const SolveSettings& settings) {
   if (settings.constraints == "lagrange") options.constraints = ConstraintMethod::kLagrange;
   options.max_error_px = settings.max_error;
   options.seed = settings.seed;
+  if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
   return options;
 }
 
@@ -65,7 +66,7 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
 // Photos may see one another in any order; images of a video see their neighbours.
 Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveSettings& settings,
                                                      const SolveCallbacks& callbacks) {
-  const SolveOptions options = options_of(settings);
+  const SolveOptions options = options_of(settings, callbacks.stop);
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
   if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
@@ -148,6 +149,7 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
+  const auto stopped = [&] { return callbacks.stop && callbacks.stop->load(); };
   SolveCallbacks once = callbacks;
   bool is_ready = false;
   once.ready = [&]() -> Result<void> {
@@ -160,7 +162,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   Result<UncalibratedReconstruction> found = reconstruct_input(*input, settings, callbacks);
   // A few images that do not go well as a video may go better as photos.
   if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
-      input->tracks.image_count <= kFewImages && !input->interrupted && posed_share(found) < kGoodShare) {
+      input->tracks.image_count <= kFewImages && !stopped() && posed_share(found) < kGoodShare) {
     tell(callbacks.event, Event::Level::kInfo,
          found ? "as a video few of the images have a pose, now tried as photos"
                : "not solved as a video, now tried as photos: " + found.error().message);
@@ -173,7 +175,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
     }
   }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
-  const bool interrupted = input->interrupted || (callbacks.stop && callbacks.stop->load());
+  const bool interrupted = input->interrupted || stopped();
   SolveResult result = solve_result(*input, *std::move(found), settings, interrupted);
   warn(result, callbacks.event);
   set_times(start, read_s, &result);

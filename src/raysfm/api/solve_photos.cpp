@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -42,11 +43,12 @@ struct Photos {
   std::vector<std::array<uint8_t, 3>> rgb;
 };
 
-Result<void> read_photos(FrameSource& source, Photos* photos, SolveInput* input) {
-  for (;;) {
+Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Photos* photos,
+                         SolveInput* input) {
+  while (!(input->interrupted = stop && stop->load())) {
     Result<std::optional<InputFrame>> next = source.next();
     if (!next) return next.error();
-    if (!*next) return {};
+    if (!*next) break;
     const InputFrame& frame = **next;
     if (auto r = photos->features->add(frame.gray.view(), kFeatures); !r) return r;
     photos->first.push_back(static_cast<int>(photos->rgb.size()));
@@ -69,6 +71,7 @@ Result<void> read_photos(FrameSource& source, Photos* photos, SolveInput* input)
                                    source.description(), kMaxPhotos, kMaxPhotos));
     }
   }
+  return {};
 }
 
 // One size for all images: that of the largest.
@@ -142,10 +145,10 @@ int count_still(const PairMatches& matches, double max_error) {
 }
 
 // Images of which too few corners agree with one motion since the image before, as in a video they do.
-int poor_neighbours(const SolveInput& video, const SolveSettings& settings) {
+int poor_neighbours(const SolveInput& video, const SolveSettings& settings, const std::atomic<bool>* stop) {
   const ImageObservations observations(video.tracks);
   int poor = 0;
-  for (int j = 1; j < video.tracks.image_count; ++j) {
+  for (int j = 1; j < video.tracks.image_count && !(stop && stop->load()); ++j) {
     const PairMatches matches = observations.matches(j - 1, j);
     ViewPair pair;
     const bool found =
@@ -194,7 +197,7 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
   if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxPhotos) {
     return video;
   }
-  const int poor = poor_neighbours(*video, settings);
+  const int poor = poor_neighbours(*video, settings, callbacks.stop);
   const int images = video->tracks.image_count;
   // A long video may have its breaks.
   if (poor > 0 && (images <= kFewImages || 4 * poor >= images)) {
@@ -221,7 +224,7 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
   if (!features) return features.error();
   photos.features = *std::move(features);
   opened->streams[0]->allow_any_size();
-  if (auto r = read_photos(*opened->streams[0], &photos, &input); !r) return r.error();
+  if (auto r = read_photos(*opened->streams[0], callbacks.stop, &photos, &input); !r) return r.error();
   settle_size(&input);
   Merger merger(static_cast<int>(photos.rgb.size()));
   for (int a = 0; a < photos.features->photos(); ++a) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <new>
 #include <optional>
 
 #include "raysfm/api/config.h"
@@ -163,16 +164,18 @@ class Narrator : public TrackerObserver {
 // Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
 Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
                       const std::string& calibration, Tracker& tracker) {
-  for (;;) {
-    if (callbacks.stop && callbacks.stop->load()) return true;
-    Result<ViewPtr> view = stream.next();
-    if (!view) return view.error();
-    if (!*view) return false;
-    const Result<FrameResult> frame = tracker.push(*std::move(view));
-    if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
-    stream.detect_ahead(frame->state != TrackingState::kTracking);
-    if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
-  }
+  for (;;) try {
+      if (callbacks.stop && callbacks.stop->load()) return true;
+      Result<ViewPtr> view = stream.next();
+      if (!view) return view.error();
+      if (!*view) return false;
+      const Result<FrameResult> frame = tracker.push(*std::move(view));
+      if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
+      stream.detect_ahead(frame->state != TrackingState::kTracking);
+      if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
+    } catch (const std::bad_alloc&) {
+      return internal_error(fmt::format("not enough memory for frame {}", tracker.frames()));
+    }
 }
 
 }  // namespace

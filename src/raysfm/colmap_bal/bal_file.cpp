@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <new>
 #include <optional>
 
 #include "raysfm/files/atomic_file.h"
@@ -24,13 +26,45 @@ constexpr uintmax_t kAlwaysAllowed = 1 << 20;
 // The shortest text of each, with the space between: "0 0 0 0 ".
 constexpr uint64_t kBalObservationBytes = 8, kBalCameraBytes = 18, kBalPointBytes = 6;
 
+// What a number may be: at most `most` from 0, and above 0 where it must be.
+struct Range {
+  double most;
+  bool positive = false;
+
+  bool holds(double value) const { return std::abs(value) <= most && (!positive || value > 0); }
+  std::string text() const {
+    return positive ? fmt::format("a number above 0, up to {:g}", most)
+                    : fmt::format("a number from {:g} to {:g}", -most, most);
+  }
+};
+
+// One of the numbers of a camera or a point.
+struct BlockField {
+  const char* name;
+  Range range;
+};
+
+constexpr Range kBalPixel{kMaxBalPixel}, kBalAngle{kMaxBalAngle}, kBalCoordinate{kMaxBalCoordinate},
+    kBalFocal{kMaxBalFocal, true}, kBalDistortion{kMaxBalDistortion};
+constexpr std::array<BlockField, 9> kBalCameraFields = {{{"rotation x", kBalAngle},
+                                                         {"rotation y", kBalAngle},
+                                                         {"rotation z", kBalAngle},
+                                                         {"translation x", kBalCoordinate},
+                                                         {"translation y", kBalCoordinate},
+                                                         {"translation z", kBalCoordinate},
+                                                         {"f", kBalFocal},
+                                                         {"k1", kBalDistortion},
+                                                         {"k2", kBalDistortion}}};
+constexpr std::array<BlockField, 3> kBalPointFields = {
+    {{"x", kBalCoordinate}, {"y", kBalCoordinate}, {"z", kBalCoordinate}}};
+
 class BalParser {
  public:
   BalParser(std::string_view text, const std::string& name) : words_(text), name_(name) {}
 
   Result<BalFile> parse() {
-    if (!counts() || !observations() || !blocks("camera", &file_.cameras) ||
-        !blocks("point", &file_.points) || !end()) {
+    if (!counts() || !observations() || !blocks("camera", kBalCameraFields, &file_.cameras) ||
+        !blocks("point", kBalPointFields, &file_.points) || !end()) {
       return bad_input(std::move(message_));
     }
     return std::move(file_);
@@ -49,12 +83,12 @@ class BalParser {
   }
 
   template <typename Where>
-  bool number(const Where& where, double* value) {
+  bool number(const Where& where, const Range& range, double* value) {
     std::string_view text;
     if (!word(where, &text)) return false;
     const std::optional<double> parsed = parse_number(text);
-    if (!parsed || !std::isfinite(*parsed)) {
-      return fail(fmt::format("{}: '{}' is not allowed, a finite number is", where(), shown(text)));
+    if (!parsed || !range.holds(*parsed)) {
+      return fail(fmt::format("{}: '{}' is not allowed, {} is", where(), shown(text), range.text()));
     }
     *value = *parsed;
     return true;
@@ -105,19 +139,19 @@ class BalParser {
       };
       BalObservation& o = file_.observations[i];
       if (!integer(field("camera"), cameras, &o.camera) || !integer(field("point"), points, &o.point) ||
-          !number(field("x"), &o.pixel[0]) || !number(field("y"), &o.pixel[1])) {
+          !number(field("x"), kBalPixel, &o.pixel[0]) || !number(field("y"), kBalPixel, &o.pixel[1])) {
         return false;
       }
     }
     return true;
   }
 
-  template <typename Block>
-  bool blocks(const char* kind, std::vector<Block>* all) {
+  template <size_t N, typename Block>
+  bool blocks(const char* kind, const std::array<BlockField, N>& fields, std::vector<Block>* all) {
     for (size_t i = 0; i < all->size(); ++i) {
-      for (size_t k = 0; k < static_cast<size_t>((*all)[i].size()); ++k) {
-        const auto where = [&] { return fmt::format("{} {}: number {}", kind, i, k + 1); };
-        if (!number(where, &(*all)[i][k])) return false;
+      for (size_t k = 0; k < N; ++k) {
+        const auto where = [&] { return fmt::format("{} {}: {}", kind, i, fields[k].name); };
+        if (!number(where, fields[k].range, &(*all)[i][k])) return false;
       }
     }
     return true;
@@ -157,7 +191,7 @@ std::string format_bal(const BalFile& file) {
   return text;
 }
 
-Result<BalFile> read_bal_file(const std::filesystem::path& path) {
+Result<BalFile> read_bal_file(const std::filesystem::path& path) try {
   Result<std::string> text = read_text_file(path, kMaxTextBytes);
   if (!text) return text.error();
   const bool compressed = is_bzip2(*text);
@@ -169,6 +203,8 @@ Result<BalFile> read_bal_file(const std::filesystem::path& path) {
   Result<BalFile> file = parse_bal(*text, path.string());
   if (file) file->compressed = compressed;
   return file;
+} catch (const std::bad_alloc&) {
+  return internal_error(fmt::format("{}: not enough memory to read it", path.string()));
 }
 
 Result<void> write_bal_file(const BalFile& file, const std::filesystem::path& path) {

@@ -28,10 +28,18 @@ struct BalFile {
   bool compressed = false;                   // by bzip2
 };
 
+// Allowed in a file; wider than anything that was ever photographed, and narrow enough that no square of a
+// residual overflows.
+constexpr double kMaxBalPixel = 1e6;        // |x| and |y| of an observation
+constexpr double kMaxBalAngle = 1e4;        // radians, each of the rotation vector
+constexpr double kMaxBalCoordinate = 1e12;  // of a translation or a point
+constexpr double kMaxBalFocal = 1e7;        // pixels; f is above 0
+constexpr double kMaxBalDistortion = 1e12;  // |k1| and |k2|
+
 // From text: `cameras points observations`, then `camera point x y` for each observation, then 9 numbers for
-// each camera and 3 for each point, between any white space. Indices from 0, numbers finite. Memory is taken
-// only after the counts were found to fit into the text. Errors: bad input, naming `name`, line, field, value
-// and what is allowed.
+// each camera and 3 for each point, between any white space. Indices from 0, numbers in the ranges above.
+// Memory is taken only after the counts were found to fit into the text. Errors: bad input, naming `name`,
+// line, field, value and what is allowed.
 Result<BalFile> parse_bal(std::string_view text, const std::string& name);
 
 // The same text with 17 digits, which parse_bal() reads back to the same bits.

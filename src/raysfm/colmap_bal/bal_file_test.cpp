@@ -78,7 +78,8 @@ BalFile random_file(int cameras, int points, int observations) {
   file.cameras.resize(cameras);
   file.points.resize(points);
   for (auto& camera : file.cameras) {
-    for (double& number : camera) number = random.normal() * std::pow(10.0, random.uniform(-300, 300));
+    for (double& number : camera) number = random.normal() * std::pow(10.0, random.uniform(-300, 3));
+    camera[6] = std::abs(camera[6]);  // f
   }
   for (Eigen::Vector3d& point : file.points) point = {random.normal(), random.normal(), random.normal()};
   for (int i = 0; i < observations; ++i) {
@@ -142,7 +143,7 @@ TEST(BalFile, CountsThatLie) {
   EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 3 5")),
             "file:6: observation 4: camera: '1.5741515942940262e-02' is not allowed, a whole number from 0 "
             "to 1 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 4 4")), "file:20: the file ends before point 3: number 1");
+  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 4 4")), "file:20: the file ends before point 3: x");
   EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 2 4")),
             "file:5: observation 3: point: '2' is not allowed, a whole number from 0 to 1 is");
   EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 3 -4")),
@@ -158,12 +159,33 @@ TEST(BalFile, CountsThatLie) {
 TEST(BalFile, NumbersThatAreNone) {
   for (const char* number : {"nan", "inf", "-inf", "1e999", "1.2.3", "0x10", "abc", "1,5"}) {
     EXPECT_EQ(refusal(replaced(kSmall, "1e-3", number)),
-              "file:4: observation 2: y: '" + std::string(number) + "' is not allowed, a finite number is");
+              "file:4: observation 2: y: '" + std::string(number) +
+                  "' is not allowed, a number from -1e+06 to 1e+06 is");
   }
   EXPECT_EQ(refusal(replaced(kSmall, "3.9975152639358436e+02", "nan")),
-            "file:12: camera 0: number 7: 'nan' is not allowed, a finite number is");
+            "file:12: camera 0: f: 'nan' is not allowed, a number above 0, up to 1e+07 is");
   EXPECT_EQ(refusal(replaced(kSmall, "-1.8470812764548823e+00", "nan")),
-            "file:18: point 0: number 3: 'nan' is not allowed, a finite number is");
+            "file:18: point 0: z: 'nan' is not allowed, a number from -1e+12 to 1e+12 is");
+}
+
+// Finite, but no photograph is behind them: their squares overflow, or a pixel divides by them.
+TEST(BalFile, NumbersBeyondWhatIsAllowed) {
+  for (const char* f : {"0", "-0", "-400", "1.1e7", "1e300"}) {
+    EXPECT_EQ(
+        refusal(replaced(kSmall, "3.9975152639358436e+02", f)),
+        "file:12: camera 0: f: '" + std::string(f) + "' is not allowed, a number above 0, up to 1e+07 is");
+  }
+  EXPECT_EQ(refusal(replaced(kSmall, "1e-3", "1e308")),
+            "file:4: observation 2: y: '1e308' is not allowed, a number from -1e+06 to 1e+06 is");
+  EXPECT_EQ(refusal(replaced(kSmall, "1.5741515942940262e-02", "-1e5")),
+            "file:6: camera 0: rotation x: '-1e5' is not allowed, a number from -10000 to 10000 is");
+  EXPECT_EQ(refusal(replaced(kSmall, "1.1202240291236032e+00", "1e300")),
+            "file:11: camera 0: translation z: '1e300' is not allowed, a number from -1e+12 to 1e+12 is");
+  EXPECT_EQ(refusal(replaced(kSmall, "5.8820490534594022e-13", "1e13")),
+            "file:14: camera 0: k2: '1e13' is not allowed, a number from -1e+12 to 1e+12 is");
+  EXPECT_EQ(refusal(replaced(kSmall, "-6.1200015717226364e-01", "1e300")),
+            "file:16: point 0: x: '1e300' is not allowed, a number from -1e+12 to 1e+12 is");
+  EXPECT_EQ(refusal(replaced(kSmall, "1e-3", "-1e6")), "accepted");
 }
 
 TEST(BalFile, IndicesOutOfRange) {

@@ -1,7 +1,9 @@
 #include "raysfm/core/thread_pool.h"
 
 #include <atomic>
+#include <exception>
 #include <memory>
+#include <new>
 
 #include "raysfm/core/start_threads.h"
 
@@ -51,24 +53,35 @@ void ThreadPool::parallel_for(int count, const std::function<void(int)>& body) {
   struct Shared {
     std::atomic<int> next = 0;
     std::atomic<int> done = 0;
+    std::atomic<bool> failed = false;
     std::mutex mutex;
     std::condition_variable finished;
+    std::exception_ptr failure;
   };
   // Shared, because a worker may look for more work after the caller has returned.
   auto shared = std::make_shared<Shared>();
   const auto work = [shared, count, body] {
     for (int i = shared->next++; i < count; i = shared->next++) {
-      body(i);
+      try {
+        if (!shared->failed) body(i);
+      } catch (...) {
+        const std::lock_guard lock(shared->mutex);
+        if (!shared->failed.exchange(true)) shared->failure = std::current_exception();
+      }
       if (++shared->done == count) {
         const std::lock_guard lock(shared->mutex);
         shared->finished.notify_all();
       }
     }
   };
-  for (int i = 0; i < workers() && i + 1 < count; ++i) enqueue(work);
+  try {
+    for (int i = 0; i < workers() && i + 1 < count; ++i) enqueue(work);
+  } catch (const std::bad_alloc&) {  // fewer threads change no result
+  }
   work();
   std::unique_lock lock(shared->mutex);
   shared->finished.wait(lock, [&] { return shared->done >= count; });
+  if (shared->failure) std::rethrow_exception(shared->failure);
 }
 
 }  // namespace raysfm

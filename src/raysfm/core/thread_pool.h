@@ -38,7 +38,8 @@ class ThreadPool {
   }
 
   // Calls body(i) for i in [0, count), in any order, and returns when all have run. The calling thread takes
-  // part. The body must not depend on the order and must not throw.
+  // part. The body must not depend on the order. What it throws, memory that is not to be had, is thrown here
+  // once no thread runs it any more; the rest of the indices may then be left out.
   void parallel_for(int count, const std::function<void(int)>& body);
 
  private:

@@ -4,8 +4,13 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <fstream>
+#include <mutex>
+#include <new>
+#include <thread>
 #include <vector>
 
 namespace raysfm {
@@ -22,11 +27,46 @@ TEST_P(ThreadPoolTest, ParallelForVisitsEveryIndexOnce) {
   }
 }
 
-TEST_P(ThreadPoolTest, SubmittedWorkRunsInOrderOfNeedAndReturnsItsValue) {
+// What is submitted first is begun first. A worker may be held up between taking its work and beginning it,
+// so that work comes earlier by the number of the other workers at most.
+TEST_P(ThreadPoolTest, SubmittedWorkBeginsInOrderAndReturnsItsValue) {
   ThreadPool pool(GetParam());
+  std::mutex mutex;
+  std::vector<int> begun;
   std::vector<std::future<int>> futures;
-  for (int i = 0; i < 50; ++i) futures.push_back(pool.submit([i] { return i * i; }));
-  for (int i = 0; i < 50; ++i) EXPECT_EQ(futures[i].get(), i * i);
+  for (int i = 0; i < 200; ++i) {
+    futures.push_back(pool.submit([&, i] {
+      const std::lock_guard lock(mutex);
+      begun.push_back(i);
+      return i * i;
+    }));
+  }
+  for (int i = 0; i < 200; ++i) EXPECT_EQ(futures[i].get(), i * i);
+  for (int place = 0; place < 200; ++place) {
+    EXPECT_LE(begun[place] - place, std::max(0, pool.workers() - 1)) << place;
+  }
+}
+
+TEST_P(ThreadPoolTest, WhatABodyThrowsReachesTheCallerOnceNobodyRunsIt) {
+  ThreadPool pool(GetParam());
+  std::atomic<int> running = 0;
+  const auto body = [&](int i) {
+    ++running;
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+    --running;
+    if (i % 7 == 3) throw std::bad_alloc();
+  };
+  EXPECT_THROW(pool.parallel_for(50, body), std::bad_alloc);
+  EXPECT_EQ(running, 0);
+  std::atomic<int> sum = 0;
+  pool.parallel_for(100, [&](int i) { sum += i; });
+  EXPECT_EQ(sum, 4950);
+}
+
+TEST_P(ThreadPoolTest, WhatSubmittedWorkThrowsComesWithItsValue) {
+  ThreadPool pool(GetParam());
+  std::future<int> value = pool.submit([]() -> int { throw std::bad_alloc(); });
+  EXPECT_THROW(value.get(), std::bad_alloc);
 }
 
 TEST_P(ThreadPoolTest, DestructionFinishesQueuedWork) {

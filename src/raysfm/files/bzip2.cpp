@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cassert>
 #include <limits>
+#include <new>
 
 namespace raysfm {
 namespace {
@@ -25,7 +26,7 @@ char* input_pointer(std::string_view bytes) {
 // Unpacks the stream at the beginning of `bytes` and takes it off them.
 Result<void> decompress_stream(std::string_view* bytes, uintmax_t max_bytes, std::string* content) {
   bz_stream stream{};
-  if (BZ2_bzDecompressInit(&stream, 0, 0) != BZ_OK) return internal_error("bzip2 cannot be started");
+  if (BZ2_bzDecompressInit(&stream, 0, 0) != BZ_OK) return internal_error("not enough memory to unpack it");
   Result<void> result;
   for (int state = BZ_OK; state != BZ_STREAM_END && result;) {
     const size_t before = content->size();
@@ -40,7 +41,9 @@ Result<void> decompress_stream(std::string_view* bytes, uintmax_t max_bytes, std
     state = BZ2_bzDecompress(&stream);
     bytes->remove_prefix(given - stream.avail_in);
     content->resize(before + room - stream.avail_out);
-    if (state != BZ_OK && state != BZ_STREAM_END) {
+    if (state == BZ_MEM_ERROR) {
+      result = internal_error("not enough memory to unpack it");
+    } else if (state != BZ_OK && state != BZ_STREAM_END) {
       result = bad_input("damaged, bzip2 cannot unpack it");
     } else if (content->size() > max_bytes) {
       result = bad_input(fmt::format("unpacks to more than the {} bytes that are allowed", max_bytes));
@@ -71,7 +74,8 @@ Result<std::string> decompress_bzip2(std::string_view bytes, uintmax_t max_bytes
 std::string compress_bzip2(std::string_view content) {
   constexpr int kBlockSize = 9;  // in 100 kB, the best
   bz_stream stream{};
-  [[maybe_unused]] int state = BZ2_bzCompressInit(&stream, kBlockSize, 0, 0);
+  int state = BZ2_bzCompressInit(&stream, kBlockSize, 0, 0);
+  if (state == BZ_MEM_ERROR) throw std::bad_alloc();
   assert(state == BZ_OK);
   std::string bytes;
   do {

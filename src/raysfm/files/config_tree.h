@@ -12,6 +12,7 @@ namespace raysfm {
 struct ConfigNode {
   enum class Kind { kNull, kScalar, kList, kMap };
   Kind kind = Kind::kNull;
+  int line = 0;                   // of the document, from 1, where YAML's reader made it; else 0
   std::string text;               // of a scalar
   std::vector<std::string> keys;  // of a map, as long as items, each once
   std::vector<ConfigNode> items;  // of a list or map

@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "raysfm/files/config_tree.h"
+#include "raysfm/files/flow_scan.h"
 #include "raysfm/files/text_file.h"
 
 namespace raysfm {
@@ -72,8 +73,11 @@ class TreeBuilder : public YAML::EventHandler {
     int depth;
   };
 
+  [[noreturn]] static void refuse(int line, const std::string& reason) {
+    throw Refused{fmt::format("line {}: {}", line, reason)};
+  }
   [[noreturn]] static void refuse(const YAML::Mark& mark, const std::string& reason) {
-    throw Refused{fmt::format("line {}: {}", mark.line + 1, reason)};
+    refuse(mark.line + 1, reason);
   }
   [[noreturn]] static void refuse_depth(const YAML::Mark& mark) {
     refuse(mark, fmt::format("nested deeper than the {} levels that are allowed", kMaxConfigDepth));
@@ -122,6 +126,7 @@ class TreeBuilder : public YAML::EventHandler {
   }
 
   void attach(const YAML::Mark& mark, ConfigNode node) {
+    node.line = mark.line + 1;
     if (open_.empty()) {
       root_ = std::move(node);
       return;
@@ -142,9 +147,11 @@ class TreeBuilder : public YAML::EventHandler {
     std::vector<std::string> keys = done.node.keys;
     std::sort(keys.begin(), keys.end());
     const auto twice = std::adjacent_find(keys.begin(), keys.end());
-    if (twice != keys.end()) {
-      refuse(done.mark, fmt::format("key '{}' appears twice in one map, once is allowed", shown(*twice)));
-    }
+    if (twice == keys.end()) return;
+    size_t last = done.node.keys.size() - 1;
+    while (done.node.keys[last] != *twice) --last;
+    refuse(done.node.items[last].line,
+           fmt::format("key '{}' appears twice in one map, once is allowed", shown(*twice)));
   }
 
   ConfigNode root_;
@@ -190,6 +197,8 @@ Result<ConfigNode> parse_yaml(std::string_view text, const std::string& name) {
     document = with_spaces_after_keys(document);
   }
   if (document.find('\0') != std::string::npos) return bad_input(name + ": binary data, text is allowed");
+  const std::string excess = flow_excess(document);
+  if (!excess.empty()) return bad_input(fmt::format("{}: {}", name, excess));
   try {
     std::istringstream stream(document);
     YAML::Parser parser(stream);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <fstream>
+#include <new>
 
 namespace raysfm {
 namespace {
@@ -30,7 +31,7 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kSpace) - first + 1);
 }
 
-Result<std::string> read_text_file(const fs::path& path, uintmax_t max_bytes) {
+Result<std::string> read_text_file(const fs::path& path, uintmax_t max_bytes) try {
   std::error_code failure;
   const fs::file_status status = fs::status(path, failure);
   if (!fs::exists(status)) return bad_input(fmt::format("{}: no such file", path.string()));
@@ -47,6 +48,8 @@ Result<std::string> read_text_file(const fs::path& path, uintmax_t max_bytes) {
   // The mark that some editors put before UTF-8.
   if (text.starts_with("\xef\xbb\xbf")) text.erase(0, 3);
   return text;
+} catch (const std::bad_alloc&) {
+  return internal_error(fmt::format("{}: not enough memory to read it", path.string()));
 }
 
 std::string timestamp_text(double seconds) {

@@ -11,7 +11,8 @@
 
 namespace raysfm {
 
-// Content of a regular file of at most `max_bytes`. Errors: bad input, naming the file.
+// Content of a regular file of at most `max_bytes`. Errors: bad input, naming the file; internal where memory
+// is not enough.
 Result<std::string> read_text_file(const std::filesystem::path& path, uintmax_t max_bytes);
 
 // The whole of `word` as a number, decimal or with exponent, also the "1." , ".5" and "+2" that other tools

@@ -15,7 +15,7 @@ namespace raysfm {
 namespace {
 
 // Huffman codes have at least a bit for each block of 64 pixels.
-constexpr size_t kMaxRatio = 512;                    // pixels per byte
+constexpr size_t kMostPixelsPerByte = 512;           // pixels per byte
 constexpr int kMaxRows = MAX_SAMP_FACTOR * DCTSIZE;  // of one component that are decoded at once
 
 // libjpeg leaves by a jump where it cannot go on, and prints what it only wonders about.
@@ -54,7 +54,7 @@ class JpegDecoder {
     if (!read_header()) return failure();
     if (auto fits = check_image_size(info_.image_width, info_.image_height); !fits) return fits.error();
     const size_t pixels = size_t{info_.image_width} * info_.image_height;
-    if (!info_.arith_code && pixels / kMaxRatio > bytes_.size()) return failure();
+    if (!info_.arith_code && pixels / kMostPixelsPerByte > bytes_.size()) return failure();
     DecodedImage image;
     const bool decoded = stored_as_luma() ? read_planes(&image) : read_colors(&image);
     if (!decoded || trap_.damaged) return failure();

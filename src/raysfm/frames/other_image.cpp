@@ -1,11 +1,14 @@
 #include "raysfm/frames/other_image.h"
 
+#include <algorithm>
 #include <cstring>
 #include <exception>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "raysfm/frames/memory_left.h"
 
 namespace raysfm {
 namespace {
@@ -15,6 +18,15 @@ Image<uint8_t> copied(const cv::Mat& mat) {
   Image<uint8_t> image(values, mat.rows);
   for (int y = 0; y < mat.rows; ++y) std::memcpy(image.row(y), mat.ptr(y), values);
   return image;
+}
+
+// OpenCV does not say why it has no pixels.
+Error failure(size_t file_bytes) {
+  constexpr size_t kPacking = 16, kMostAsked = size_t{1} << 28;
+  if (!memory_left(std::min(kPacking * file_bytes, kMostAsked))) {
+    return internal_error("not enough memory to decode it");
+  }
+  return bad_input("the image is damaged and cannot be decoded");
 }
 
 DecodedImage converted(cv::Mat mat) {
@@ -37,7 +49,7 @@ Result<DecodedImage> decode_other(const std::string& bytes) {
   try {
     const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8U, const_cast<char*>(bytes.data()));
     const cv::Mat mat = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
-    if (mat.empty()) return bad_input("the image is damaged and cannot be decoded");
+    if (mat.empty()) return failure(bytes.size());
     if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
       return bad_input("pixels of another type; allowed: 8 or 16 bits");
     }
@@ -45,7 +57,7 @@ Result<DecodedImage> decode_other(const std::string& bytes) {
     return converted(mat);
   } catch (const cv::Exception& e) {  // headers that make no sense, and no room for the pixels
     if (e.code == cv::Error::StsNoMem) return internal_error("not enough memory to decode it");
-    return bad_input("the image is damaged and cannot be decoded");
+    return failure(bytes.size());
   }
 }
 

@@ -9,6 +9,7 @@ extern "C" {
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <new>
 
 #include "raysfm/frames/decoded_image.h"
 
@@ -124,6 +125,7 @@ bool VideoFrameConverter::convert(const AVFrame& frame, GrayImage* gray, ColorPl
   }
   scaler_ = sws_getCachedContext(scaler_, frame.width, frame.height, pixels, frame.width, frame.height,
                                  AV_PIX_FMT_RGB24, SWS_BILINEAR, nullptr, nullptr, nullptr);
+  if (!scaler_ && sws_isSupportedInput(pixels)) throw std::bad_alloc();
   if (!scaler_) return false;
   sws_setColorspaceDetails(scaler_, sws_getCoefficients(frame.colorspace), is_full_range(frame, *format),
                            sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, 1 << 16, 1 << 16);

@@ -13,11 +13,13 @@ extern "C" {
 #include <array>
 #include <cmath>
 #include <deque>
+#include <new>
 #include <optional>
 #include <set>
 #include <string_view>
 #include <utility>
 
+#include "raysfm/frames/memory_left.h"
 #include "raysfm/frames/video_frame.h"
 
 namespace raysfm {
@@ -80,8 +82,10 @@ class VideoSource : public FrameSource {
 
  private:
   Result<void> decode();
+  Result<void> decode_next();
   Result<void> append_frame();
   void append_lost(int64_t before);
+  void count_lost();
   InputFrame numbered_frame(int64_t pts);
   std::string defect();
   int open_decoder(const AVCodec* decoder, int threads);
@@ -128,11 +132,13 @@ Result<void> VideoSource::open(const char* device_format) {
   const std::string url = device_format ? path_ : "file:" + path_;
   const int opened = avformat_open_input(&format, url.c_str(), input_format, &options);
   av_dict_free(&options);
+  if (opened == AVERROR(ENOMEM)) throw std::bad_alloc();
   if (opened < 0) return bad_input(fmt::format("{}: no video that can be opened: {}", path_, reason(opened)));
   format_.reset(format);
   // FFmpeg draws text files as pictures; nobody means that.
   if (std::string_view(format->iformat->name) == "tty") return bad_input(path_ + ": no video but text");
   const int found = avformat_find_stream_info(format, nullptr);
+  if (found == AVERROR(ENOMEM)) throw std::bad_alloc();
   if (found < 0) return bad_input(fmt::format("{}: no video that can be read: {}", path_, reason(found)));
   const Result<void> ready = open_codec();
   if (!ready) return ready;
@@ -166,6 +172,7 @@ Result<void> VideoSource::open_codec() {
     return bad_input(path_ + ": has a cover picture but no video");
   int opened = open_decoder(decoder, threads_);
   if (opened < 0 && threads_ != 1) opened = open_decoder(decoder, 1);  // no more threads to be had
+  if (opened == AVERROR(ENOMEM)) throw std::bad_alloc();
   if (opened < 0) return bad_input(fmt::format("{}: {}: {}", path_, decoder->name, reason(opened)));
   rate_ = av_q2d(stream_->avg_frame_rate);
   if (!(rate_ > 0)) rate_ = av_q2d(stream_->r_frame_rate);
@@ -183,6 +190,7 @@ void VideoSource::find_rotation() {
 // Gives the decoder its next packet, or the end.
 void VideoSource::feed() {
   int code = av_read_frame(format_.get(), packet_.get());
+  if (code == AVERROR(ENOMEM)) throw std::bad_alloc();
   if (code < 0) {
     if (code != AVERROR_EOF && read_failure_.empty()) read_failure_ = reason(code);
     avcodec_send_packet(codec_.get(), nullptr);
@@ -192,13 +200,26 @@ void VideoSource::feed() {
     if (packet_->pts != AV_NOPTS_VALUE && !(packet_->flags & AV_PKT_FLAG_DISCARD))
       awaited_.insert(packet_->pts);
     code = avcodec_send_packet(codec_.get(), packet_.get());
-    if (code < 0 && code != AVERROR_EOF) ++lost_;
+    if (code < 0 && code != AVERROR_EOF) count_lost();
   }
   av_packet_unref(packet_.get());
 }
 
+// A frame that the decoder failed at. Without memory it fails with codes of all kinds.
+void VideoSource::count_lost() {
+  constexpr int64_t kBytesPerPixel = 16;            // a frame, and what the decoder keeps beside it
+  constexpr int64_t kMostAsked = int64_t{1} << 28;  // a damaged size may be any
+  const int64_t bytes = kBytesPerPixel * codec_->width * codec_->height;
+  if (!memory_left(static_cast<size_t>(std::clamp<int64_t>(bytes, 1, kMostAsked)))) throw std::bad_alloc();
+  ++lost_;
+}
+
 // Appends at least one frame, or is done.
-Result<void> VideoSource::decode() {
+Result<void> VideoSource::decode() try { return decode_next(); } catch (const std::bad_alloc&) {
+  return internal_error(fmt::format("{}: not enough memory to decode frame {}", path_, index_));
+}
+
+Result<void> VideoSource::decode_next() {
   while (!done_) {
     const int code = avcodec_receive_frame(codec_.get(), frame_.get());
     if (code >= 0) {
@@ -212,7 +233,7 @@ Result<void> VideoSource::decode() {
       failures_in_a_row_ = 0;
       feed();
     } else {
-      ++lost_;
+      count_lost();
       if (++failures_in_a_row_ > kMaxFailures) done_ = true;
     }
   }
@@ -309,11 +330,13 @@ std::string VideoSource::note() const {
 }
 
 Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, const VideoOptions& options,
-                                                 const char* device_format) {
+                                                 const char* device_format) try {
   auto source = std::make_unique<VideoSource>(path, options);
   const Result<void> opened = source->open(device_format);
   if (!opened) return opened.error();
   return std::unique_ptr<FrameSource>(std::move(source));
+} catch (const std::bad_alloc&) {
+  return internal_error(fmt::format("{}: not enough memory to open it", path));
 }
 
 }  // namespace

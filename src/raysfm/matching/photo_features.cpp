@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <new>
 #include <opencv2/features2d.hpp>
 
 namespace raysfm {
@@ -46,13 +47,14 @@ class SiftFeatures : public PhotoFeatures {
     descriptors_.push_back(descriptors);
     return {};
   } catch (const cv::Exception& e) {
+    if (e.code == cv::Error::StsNoMem) throw std::bad_alloc();
     return internal_error(fmt::format("points of photo {}: {}", photos(), e.err));
   }
 
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
 
-  std::vector<std::pair<int, int>> match(int a, int b) const override {
+  std::vector<std::pair<int, int>> match(int a, int b) const override try {
     const std::vector<int> forth = clear_best(descriptors_[a], descriptors_[b]);
     const std::vector<int> back = clear_best(descriptors_[b], descriptors_[a]);
     std::vector<std::pair<int, int>> matches;
@@ -60,6 +62,9 @@ class SiftFeatures : public PhotoFeatures {
       if (forth[i] >= 0 && back[forth[i]] == static_cast<int>(i)) matches.emplace_back(i, forth[i]);
     }
     return matches;
+  } catch (const cv::Exception& e) {
+    if (e.code == cv::Error::StsNoMem) throw std::bad_alloc();
+    throw;
   }
 
  private:

@@ -281,6 +281,22 @@ TEST(Odometry, FindsTrackAgainAfterAGap) {
   expect_small_error(r, input, 0, 0);
 }
 
+// However long nothing is seen, no other world is started meanwhile and every frame has its reason.
+TEST(Odometry, FindsTrackAgainAfterALongWait) {
+  constexpr int kWait = 400;
+  Input input = one_scene(board());
+  input.add_black(kWait);
+  for (int i = 23; i >= 12; --i) input.add(board(), i, 0);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = 0; i < input.size(); ++i) {
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), input.scene[i] >= 0) << i << r.frames[i].reason;
+    if (input.scene[i] < 0) EXPECT_NE(r.frames[i].reason, "") << i;
+  }
+  expect_small_error(r, input, 0, 0);
+}
+
 // The camera comes back to where it was long before.
 TEST(Odometry, FindsTrackAgainAtAnOldPlace) {
   Input input = one_scene(board());

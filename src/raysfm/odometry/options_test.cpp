@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 namespace raysfm {
 namespace {
 
@@ -29,6 +31,27 @@ TEST(OdometryOptions, TooSmallNumbersNameTheirFlag) {
   options = {};
   options.min_matches = 3;
   EXPECT_NE(validate(options).error().message.find("--min-matches = 3"), std::string::npos);
+}
+
+TEST(OdometryOptions, BoundsAreWhatTheyAreSaidToBe) {
+  const auto is_valid = [](int OdometryOptions::*field, int value) {
+    OdometryOptions options;
+    options.*field = value;
+    return validate(options).ok();
+  };
+  EXPECT_FALSE(is_valid(&OdometryOptions::features, 49));
+  EXPECT_TRUE(is_valid(&OdometryOptions::features, 50));
+  EXPECT_TRUE(is_valid(&OdometryOptions::features, 100000));
+  EXPECT_FALSE(is_valid(&OdometryOptions::features, 100001));
+  EXPECT_FALSE(is_valid(&OdometryOptions::features, std::numeric_limits<int>::max()));
+  EXPECT_FALSE(is_valid(&OdometryOptions::min_matches, 29));
+  EXPECT_TRUE(is_valid(&OdometryOptions::min_matches, 30));
+  EXPECT_FALSE(is_valid(&OdometryOptions::global_until, 2));
+  EXPECT_TRUE(is_valid(&OdometryOptions::global_until, 3));
+  EXPECT_FALSE(is_valid(&OdometryOptions::free_cameras, 0));
+  // Free key frames beyond the window, also where their number and two more are no int.
+  EXPECT_FALSE(is_valid(&OdometryOptions::free_cameras, std::numeric_limits<int>::max()));
+  EXPECT_TRUE(is_valid(&OdometryOptions::window, std::numeric_limits<int>::max()));
 }
 
 }  // namespace

@@ -89,6 +89,7 @@ class Builder {
     tried_.assign(tracks_.image_count, 0);
     int adjusted_at = 2;
     for (int image = next_image(); image >= 0; image = next_image()) {
+      if (stopped()) return no_reconstruction("interrupted");
       tried_[image] = 1;
       if (!resect(image)) continue;
       place_points();
@@ -103,10 +104,13 @@ class Builder {
     adjust(30);
     place_points();
     adjust(30);
+    if (stopped()) return no_reconstruction("interrupted");
     return std::move(result_);
   }
 
  private:
+  bool stopped() const { return options_.progress && *options_.progress && !(*options_.progress)({}); }
+
   void begin(const ViewPair& pair) {
     const Matrix34d second = second_view(pair.fundamental);
     result_.images[0] = pair.images[0], result_.images[1] = pair.images[1];
@@ -228,7 +232,9 @@ class Builder {
     for (const int j : index.images) part.views.push_back(result_.scene.views[j]);
     for (const int i : index.points) part.points.push_back(result_.scene.points[i]);
     const RobustLoss loss{RobustLoss::Kind::kHuber, 0.5 * options_.max_error};
-    adjust_projective(index, loss, {.max_iterations = iterations, .min_relative_decrease = 1e-4}, &part);
+    adjust_projective(
+        index, loss,
+        {.max_iterations = iterations, .min_relative_decrease = 1e-4, .progress = options_.progress}, &part);
     for (int j = 0; j < index.image_count(); ++j) result_.scene.views[index.images[j]] = part.views[j];
     for (int i = 0; i < index.point_count(); ++i) result_.scene.points[index.points[i]] = part.points[i];
     find_inliers();

@@ -13,6 +13,7 @@ struct ProjectiveStartOptions {
   double max_error = 0.005;  // of an inlier, in the units of the pixels
   int max_samples = 2000;    // of each RANSAC
   uint64_t seed = 0;
+  const ProgressCallback* progress = nullptr;  // null or empty: none; false ends without a start
 };
 
 // Projective reconstruction of all images that can be registered.

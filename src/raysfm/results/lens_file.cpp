@@ -6,6 +6,7 @@
 #include <string>
 
 #include "raysfm/files/atomic_file.h"
+#include "raysfm/files/text_file.h"
 
 namespace raysfm {
 
@@ -27,7 +28,7 @@ std::vector<LensOfFrame> lenses_of_frames(const Reconstruction& world) {
 Result<void> write_lens_file(const Reconstruction& world, const std::filesystem::path& path) {
   std::string text = "timestamp,fx,fy,cx,cy,skew,fx_sigma,fy_sigma,cx_sigma,cy_sigma,skew_sigma\n";
   for (const LensOfFrame& lens : lenses_of_frames(world)) {
-    text += fmt::format("{:.9f}", lens.timestamp);
+    text += timestamp_text(lens.timestamp);
     for (const double value : lens.value) text += fmt::format(",{:.6f}", value);
     for (const double sigma : lens.sigma) text += fmt::format(",{:.6g}", sigma);
     text += '\n';

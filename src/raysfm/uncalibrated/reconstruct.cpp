@@ -111,6 +111,10 @@ std::vector<uint8_t> judge(const PointTracks& tracks, const UncalibratedScene& s
   return inlier;
 }
 
+Error interrupted() {
+  return no_reconstruction("interrupted");
+}
+
 // The candidate that ends in the least cost, adjusted again with the observations that then agree with it.
 Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart& start, const Units& units,
                                const SolveOptions& options, bool equal) {
@@ -118,11 +122,13 @@ Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart&
   adjustment.constraints = constraints_for(tracks, options, equal);
   adjustment.method = options.constraints;
   adjustment.with_sigma = false;
+  adjustment.lm.progress = &options.go_on;
   const std::vector<double> weights(start.inlier.begin(), start.inlier.end());
   Solution best;
   double least = std::numeric_limits<double>::infinity();
   Error reason = no_reconstruction("self-calibration: no absolute quadric is positive, at any focal length");
   for (UncalibratedScene& scene : metric_starts(tracks, units, start, equal)) {
+    if (options.stopped()) return interrupted();
     auto summary = adjust(tracks, weights, adjustment, options.method, &scene);
     if (!summary) {
       reason = summary.error();
@@ -137,6 +143,7 @@ Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart&
     best.scene = std::move(scene);
   }
   if (!std::isfinite(least)) return reason;
+  if (options.stopped()) return interrupted();
   adjustment.with_sigma = true;
   adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
   best.inlier = judge(tracks, best.scene, start.image_posed, start.point_placed, options.max_error_px);
@@ -223,7 +230,8 @@ void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solu
 Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, const SolveOptions& options) {
   return projective_start(units.apply(tracks), {.max_error = options.max_error_px / units.scale,
                                                 .max_samples = options.max_samples,
-                                                .seed = options.seed});
+                                                .seed = options.seed,
+                                                .progress = &options.go_on});
 }
 
 }  // namespace

@@ -29,6 +29,11 @@ struct SolveOptions {
   double principal_point_sigma = 0.03;
   int max_samples = 2000;  // of each RANSAC, > 0
   uint64_t seed = 0;
+  // Asked in every long loop, from any thread; false: end with what there is, or with none. Empty: to the
+  // end.
+  ProgressCallback go_on = {};
+
+  bool stopped() const { return go_on && !go_on({}); }
 };
 
 // Structure, motion and lenses of tracks, and how sure they are.

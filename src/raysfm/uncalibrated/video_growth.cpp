@@ -198,6 +198,7 @@ LensAdjustmentOptions VideoGrowth::adjustment_options() const {
   adjustment.method = options_.constraints;
   adjustment.loss = {RobustLoss::Kind::kHuber, options_.max_error_px / 3};
   adjustment.with_sigma = false;
+  adjustment.lm.progress = &options_.go_on;
   return adjustment;
 }
 
@@ -206,7 +207,11 @@ Result<void> VideoGrowth::adjust(bool last) {
   LensAdjustmentOptions adjustment = adjustment_options();
   adjustment.reweightings = last ? 3 : 1;
   adjustment.with_sigma = last;
-  if (!last) adjustment.lm = {.max_iterations = 10, .min_relative_decrease = 1e-3};
+  if (!last) {
+    adjustment.lm.max_iterations = 10;
+    adjustment.lm.min_relative_decrease = 1e-3;
+    adjustment.lm.initial_damping = LmOptions{}.initial_damping;
+  }
   std::vector<double> weights;
   for (const int k : original_) weights.push_back(result_.inlier[k]);
   const bool free = last && options_.method == LensMethod::kIntrinsicsFree;
@@ -327,7 +332,7 @@ void pose_between(const PointTracks& tracks, std::span<const uint8_t> keyframe, 
     if (!keyframe[tracks.image[k]]) of_image[tracks.image[k]].push_back(k);
   }
   pool->parallel_for(tracks.image_count, [&](int j) {
-    if (keyframe[j]) return;
+    if (keyframe[j] || options.stopped()) return;
     const int a = nearest_posed(keyframe, *result, j, -1), b = nearest_posed(keyframe, *result, j, 1);
     if (a < 0 && b < 0) return;
     const int from = a < 0 ? b : a, to = b < 0 ? a : b;

@@ -110,6 +110,7 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
     const int first = starts > 1 ? (count - length) * s / (starts - 1) : 0;
     const Stretch stretch = cut(tracks, std::span(keyframes).subspan(first, length));
     const auto part = reconstruct(stretch.tracks, options);
+    if (options.stopped() && !best) return no_reconstruction("interrupted");
     if (!part && !best && !std::isfinite(least)) best = part.error();
     if (!part || !(doubt(*part) < least)) continue;
     least = doubt(*part);
@@ -159,9 +160,10 @@ bool is_sure(const PointTracks& tracks, const UncalibratedReconstruction& r, con
 Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
                     RadialChoice choice, const GrowthControl& control, VideoGrowth* growth,
                     UncalibratedReconstruction* result) {
-  if (choice == RadialChoice::kNone) return growth->finish();
+  if (choice == RadialChoice::kNone || control.stopped()) return growth->finish();
   std::optional<RadialEstimate> estimate = growth->radial();
-  if (!estimate || (choice == RadialChoice::kIfSure && !is_sure(tracks, *result, *estimate))) {
+  if (!estimate || control.stopped() ||
+      (choice == RadialChoice::kIfSure && !is_sure(tracks, *result, *estimate))) {
     return growth->finish();
   }
   result->scene = std::move(estimate->scene);
@@ -311,7 +313,7 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
 void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
               ThreadPool* pool, UncalibratedReconstruction* result) {
   const PointTracks ideal = ideal_tracks(tracks, *result);
-  VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
+  if (!options.stopped()) VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
   const ScopedTimer timer(result->stages["between"]);

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <limits>
 
 #include "raysfm/uncalibrated/video_resection.h"
 #include "support/test_scenes.h"
@@ -141,6 +144,48 @@ TEST(ReconstructVideo, StopsWhereItIsToldTo) {
   for (size_t j = 0; j < walk.keyframe.size(); ++j) keyframes += walk.keyframe[j] && result->image_posed[j];
   EXPECT_EQ(keyframes, posed);
   EXPECT_LT(worst_focal_error_of_posed(walk, *result), 0.02);
+}
+
+TEST(ReconstructVideo, AdjustmentsEndWhenTheyAreToldTo) {
+  const Walk walk = make_walk(120, 0, 0.2);
+  std::atomic<bool> stop = false;
+  VideoOptions video;
+  video.progress = [&](int posed, int) { stop = posed >= 20; };
+  video.stop = &stop;
+  SolveOptions options;
+  options.lens = LensChange::kFixed;
+  options.go_on = [&](const IterationInfo&) { return !stop; };
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, options, video);
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_EQ(result->adjustment.lm.termination, Termination::kInterrupted);
+  EXPECT_LE(result->adjustment.lm.iterations, 3);  // one in each round of weights
+}
+
+// Every long loop asks whether to go on; whenever it is told not to, hardly anything follows.
+TEST(ReconstructVideo, EndsSoonWheneverItIsToldTo) {
+  const Walk walk = make_walk(60, 0, 0.2);
+  const auto asked_until = [&](int stop_at) {
+    std::atomic<bool> stop = false;
+    std::atomic<int> asked = 0;
+    SolveOptions options;
+    options.lens = LensChange::kFixed;
+    options.go_on = [&](const IterationInfo&) {
+      if (++asked >= stop_at) stop = true;
+      return !stop;
+    };
+    VideoOptions video;
+    video.stop = &stop;
+    (void)reconstruct_video(walk.tracks, walk.keyframe, options, video);
+    return asked.load();
+  };
+  const int whole = asked_until(std::numeric_limits<int>::max());
+  EXPECT_GT(whole, 100);
+  // One question ends an adjustment; between the end of growing and that of everything there are a few.
+  const int between_frames = static_cast<int>(std::ranges::count(walk.keyframe, 0));
+  for (const int part : {1, 2, 4, 6, 8, 9}) {
+    const int stop_at = std::max(1, whole * part / 10);
+    EXPECT_LT(asked_until(stop_at) - stop_at, 12 + between_frames) << part;
+  }
 }
 
 TEST(ReconstructVideo, RefusesMarksThatDoNotFit) {

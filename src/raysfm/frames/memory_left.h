@@ -1,0 +1,17 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdlib>
+
+namespace raysfm {
+
+// Whether so many bytes could be had now. Decoders of others call an image damaged that they found no room
+// for; asking again what they had asked for tells the causes apart.
+inline bool memory_left(size_t bytes) {
+  // Volatile, or the compiler sees that nobody needs them.
+  void* volatile block = std::malloc(bytes);
+  std::free(block);
+  return block != nullptr;
+}
+
+}  // namespace raysfm
