@@ -59,7 +59,9 @@ TEST(PairTracker, EveryThirdCornerTellsHowManyMatchThereAre) {
     const int expected = all.advance(view), told = sample.advance(view);
     EXPECT_NEAR(told, expected, 0.15 * expected) << k;
     for (int f = 0; f < base->cameras[0].features.size(); ++f) {
-      if (f % 3 != 0) EXPECT_EQ(sample.matches(k - 1)[f], -1);
+      if (f % 3 != 0) {
+        EXPECT_EQ(sample.matches(k - 1)[f], -1);
+      }
     }
   }
 }

@@ -292,7 +292,9 @@ TEST(Odometry, FindsTrackAgainAfterALongWait) {
   ASSERT_EQ(r.segments.size(), 1u);
   for (int i = 0; i < input.size(); ++i) {
     EXPECT_EQ(r.frames[i].world_from_rig.has_value(), input.scene[i] >= 0) << i << r.frames[i].reason;
-    if (input.scene[i] < 0) EXPECT_NE(r.frames[i].reason, "") << i;
+    if (input.scene[i] < 0) {
+      EXPECT_NE(r.frames[i].reason, "") << i;
+    }
   }
   expect_small_error(r, input, 0, 0);
 }

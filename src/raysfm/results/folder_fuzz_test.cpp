@@ -33,7 +33,9 @@ void expect_trajectory_or_line(const fs::path& path) {
   if (!trajectory) return expect_line(trajectory.error());
   ASSERT_EQ(trajectory->timestamps.size(), trajectory->world_from_cam.size());
   for (int i = 0; i < trajectory->size(); ++i) {
-    if (i > 0) ASSERT_LT(trajectory->timestamps[i - 1], trajectory->timestamps[i]);
+    if (i > 0) {
+      ASSERT_LT(trajectory->timestamps[i - 1], trajectory->timestamps[i]);
+    }
     ASSERT_TRUE(trajectory->world_from_cam[i].translation.allFinite());
     ASSERT_NEAR(trajectory->world_from_cam[i].rotation.norm(), 1, 1e-9);
   }
@@ -51,7 +53,9 @@ void expect_reconstruction_or_line(const fs::path& folder) {
     ASSERT_LT(static_cast<size_t>(o.camera), r->rig.cameras.size());
   }
   for (const PosedFrame& frame : r->frames) {
-    if (frame.world_from_rig) ASSERT_TRUE(frame.world_from_rig->translation.allFinite());
+    if (frame.world_from_rig) {
+      ASSERT_TRUE(frame.world_from_rig->translation.allFinite());
+    }
   }
 }
 
