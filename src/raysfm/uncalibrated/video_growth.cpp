@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "raysfm/geometry/interpolation.h"
 #include "raysfm/geometry/triangulation.h"
 
 namespace raysfm {
@@ -24,15 +25,6 @@ constexpr double kBetweenPrincipalPoint = 0.003;
 
 Lens between(const Lens& a, const Lens& b, double share) {
   return Lens::from_vector((1 - share) * a.vector() + share * b.vector());
-}
-
-// Straight way of the centre, constant turn.
-Rigid3 between(const Rigid3& a, const Rigid3& b, double share) {
-  const Rigid3 world_from_a = a.inverse(), world_from_b = b.inverse();
-  Rigid3 world_from_cam;
-  world_from_cam.rotation = world_from_a.rotation.slerp(share, world_from_b.rotation);
-  world_from_cam.translation = (1 - share) * world_from_a.translation + share * world_from_b.translation;
-  return world_from_cam.inverse();
 }
 
 // The nearest posed key frame in the direction of `step`, -1 without one.
@@ -333,7 +325,7 @@ void pose_between(const PointTracks& tracks, std::span<const uint8_t> keyframe, 
     const int from = a < 0 ? b : a, to = b < 0 ? a : b;
     const double share = from == to ? 0 : double(j - from) / (to - from);
     const UncalibratedScene& scene = result->scene;
-    const Rigid3 near_pose = between(scene.cam_from_world[from], scene.cam_from_world[to], share);
+    const Rigid3 near_pose = interpolate(scene.cam_from_world[from], scene.cam_from_world[to], share);
     const Lens near_lens = between(scene.lenses[from], scene.lenses[to], share);
     const bool posed = pose_image(tracks, of_image[j], near_pose, near_lens, sigma, options, j, result);
     if (!posed) return;
