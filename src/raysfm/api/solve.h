@@ -1,17 +1,15 @@
 #pragma once
 
 #include <array>
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "raysfm/api/config.h"
-#include "raysfm/core/events.h"
+#include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/pose.h"
@@ -40,15 +38,9 @@ struct SolveSettings {
 // All settings but the input. The fields point into `settings`.
 std::vector<SettingField> setting_fields(SolveSettings& settings);
 
-// What a caller hears while `solve` runs; any may be left out.
-struct SolveCallbacks {
-  EventSink event;
-  // Called once, when everything given has been found good; an error ends the run.
-  std::function<Result<void>()> ready;
-  // What is being done, e.g. "frame", and how many of them; total -1: unknown. One call at a time.
-  std::function<void(const char* stage, int done, int total)> progress;
-  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
-};
+// What a caller hears while `solve` runs. Its progress: what is being done, e.g. "frame", how many of them
+// are done, and of how many; -1: unknown.
+using SolveCallbacks = Callbacks<const char*, int, int>;
 
 // One frame of the input, with its lens.
 struct SolvedFrame {
