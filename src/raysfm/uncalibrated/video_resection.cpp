@@ -59,7 +59,7 @@ class LensPoseProblem {
     Vector9d gradient = Vector9d::Zero();
     const double after = cost(trial_pose_, trial_lens_, &hessian, &gradient);
     hessian_ = hessian, gradient_ = gradient;
-    return {before, after};
+    return {before, after, true};
   }
   void accept() { pose_ = trial_pose_, lens_ = trial_lens_; }
 
