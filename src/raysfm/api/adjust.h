@@ -1,9 +1,7 @@
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -11,7 +9,7 @@
 #include "raysfm/api/config.h"
 #include "raysfm/colmap_bal/bal_file.h"
 #include "raysfm/colmap_bal/colmap_model.h"
-#include "raysfm/core/events.h"
+#include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/results/report_file.h"
@@ -33,15 +31,9 @@ struct AdjustSettings {
 // All settings but the input. The fields point into `settings`.
 std::vector<SettingField> setting_fields(AdjustSettings& settings);
 
-// What a caller hears while the adjustment runs; any may be left out.
-struct AdjustCallbacks {
-  EventSink event;
-  // Called once, when everything given has been found good and before the first iteration; an error ends the
-  // run.
-  std::function<Result<void>()> ready;
-  std::function<void(const IterationInfo&)> progress;
-  const std::atomic<bool>* stop = nullptr;  // set it to end after the running iteration with what is reached
-};
+// What a caller hears while the adjustment runs, which ends after the iteration that is running when it is to
+// stop.
+using AdjustCallbacks = Callbacks<const IterationInfo&>;
 
 // What `adjust` gives.
 struct AdjustResult {

@@ -1,14 +1,12 @@
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <string>
 #include <vector>
 
 #include "raysfm/api/config.h"
-#include "raysfm/core/events.h"
+#include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
@@ -35,15 +33,9 @@ struct SolveSettings {
 // All settings but the input. The fields point into `settings`.
 std::vector<SettingField> setting_fields(SolveSettings& settings);
 
-// What a caller hears while `solve` runs; any may be left out.
-struct SolveCallbacks {
-  EventSink event;
-  // Called once, when everything given has been found good; an error ends the run.
-  std::function<Result<void>()> ready;
-  // What is being done, e.g. "frame", and how many of them; total -1: unknown. One call at a time.
-  std::function<void(const char* stage, int done, int total)> progress;
-  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
-};
+// What a caller hears while `solve` runs. Its progress: what is being done, e.g. "frame", how many of them
+// are done, and of how many; -1: unknown.
+using SolveCallbacks = Callbacks<const char*, int, int>;
 
 // What `solve` gives: structure, motion and lenses (Origin::kSolve). There is one world, the camera of the
 // first frame with a pose, its scale arbitrary, unless it is given by known structure: `metric_scale` then

@@ -122,11 +122,8 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
       {settings.input},
       {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
   if (!input) return input.error();
-  const auto tell = [&](Event::Level level, const std::string& message) {
-    if (callbacks.event && !message.empty()) callbacks.event({level, message});
-  };
   if (input->calibration_file) {
-    tell(Event::Level::kInfo,
+    tell(callbacks.event, Event::Level::kInfo,
          fmt::format("{} is not used, the lens is found from the images", input->calibration_file->string()));
   }
   FrameSource& source = *input->streams[0];
@@ -160,8 +157,8 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
     if (callbacks.progress) callbacks.progress("frame", joiner.frames(), source.frame_count());
   }
   if (!interrupted) {
-    tell(Event::Level::kWarning, source.note());
-    tell(Event::Level::kWarning, stream.note());
+    tell(callbacks.event, Event::Level::kWarning, source.note());
+    tell(callbacks.event, Event::Level::kWarning, stream.note());
   }
   if (joiner.frames() == 0) return bad_input(fmt::format("{}: no frames", source.description()));
   SolveInput result = joiner.finish();

@@ -1,11 +1,9 @@
 #pragma once
 
-#include <atomic>
-#include <functional>
 #include <string>
 #include <vector>
 
-#include "raysfm/core/events.h"
+#include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/results/report_file.h"
@@ -39,14 +37,8 @@ struct TrackResult {
   bool interrupted = false;
 };
 
-// What a caller hears while `track` runs; any may be left out.
-struct TrackCallbacks {
-  EventSink event;
-  // Called once, when everything given has been found good and before the first frame; an error ends the run.
-  std::function<Result<void>()> ready;
-  std::function<void(const TrackProgress&)> progress;
-  const std::atomic<bool>* stop = nullptr;  // set it to end early with what there is
-};
+// What a caller hears while `track` runs.
+using TrackCallbacks = Callbacks<const TrackProgress&>;
 
 // Video of a calibrated camera to trajectory and map. Errors: bad input. A reconstruction without a single
 // pose is a value; its frames say why.

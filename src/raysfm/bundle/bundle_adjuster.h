@@ -48,8 +48,7 @@ class BundleAdjuster {
 
 // Sets is_inlier of every observation to whether its residual is at most the threshold (in the unit of the
 // residual), whatever it was before: observations that fit again come back. Those that have no residual are
-// outliers. Returns the number
-// of inliers.
+// outliers. Returns the number of inliers.
 int update_inliers(const BundleProblem& problem, double inlier_threshold);
 
 }  // namespace raysfm

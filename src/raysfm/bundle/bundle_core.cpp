@@ -106,10 +106,11 @@ LmTrial BundleCore<N>::evaluate(bool linearize) {
     shorten_steps_of_lost();
     trial_cost_ = work(trial_, linearize);
   }
-  if (lost_.empty()) return {current_cost_, trial_cost_};
+  if (lost_.empty()) return {current_cost_, trial_cost_, linearize};
   constexpr size_t kMostLost = 50;  // one in so many
-  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_)) return {current_cost_, INFINITY};
-  return {cost_without_lost(current_), trial_cost_};
+  if (lost_.size() * kMostLost > static_cast<size_t>(active_count_))
+    return {current_cost_, INFINITY, linearize};
+  return {cost_without_lost(current_), trial_cost_, linearize};
 }
 
 template <int N>

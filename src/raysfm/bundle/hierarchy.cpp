@@ -7,6 +7,7 @@
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/bundle/problem_cost.h"
 #include "raysfm/bundle/problem_part.h"
+#include "raysfm/core/median.h"
 
 namespace raysfm {
 namespace {
@@ -30,9 +31,8 @@ Similarity3 similarity(std::vector<Eigen::Vector3d> a, std::vector<Eigen::Vector
                 m.topRightCorner<3, 1>()};
     std::vector<double> errors(a.size());
     for (size_t i = 0; i < a.size(); ++i) errors[i] = (b_from_a * a[i] - b[i]).norm();
-    std::vector<double> sorted = errors;
-    std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-    const double most = kMostOfMedian * sorted[sorted.size() / 2];
+    std::vector<double> reordered = errors;
+    const double most = kMostOfMedian * median_of(&reordered);
     size_t kept = 0;
     for (size_t i = 0; i < a.size(); ++i) {
       if (!(errors[i] <= most)) continue;

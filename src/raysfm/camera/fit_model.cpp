@@ -160,7 +160,7 @@ class ModelProblem {
     std::swap(numbers_, trial_);
     linearize();
     std::swap(numbers_, trial_);
-    return {before, after};
+    return {before, after, true};
   }
 
   void accept() { numbers_ = trial_; }

@@ -28,7 +28,12 @@ namespace raysfm {
 // only add to Lambda. The solution needs A's Schur complement and 6 more rows for each image:
 //
 //     A dx + F^T z = -g,   z = gamma + Lambda f,   Gamma = F A^-1 F^T,
-//     (I + Lambda Gamma) z = gamma - Lambda F A^-1 g
+//     (I + Lambda Gamma) z = gamma + Lambda h,   h = -F A^-1 g,   f = h - Gamma z
+//
+// The points eliminated from A (S, s) and its rows parted into those of the poses (x) and those of f:
+//
+//     L L^T = S_xx,   Y = L^-1 S_xf,   y = L^-1 s_x
+//     Gamma = Y^T Y - S_ff,   h = s_f - Y^T y,   dx of the poses = -L^-T (y + Y z)
 //
 // With Lagrange multipliers eta, the rows E f = -c are met by the step: z gets a term E^T eta.
 // Damping is Marquardt's on the diagonal of A.
@@ -81,9 +86,12 @@ class IntrinsicsFreeProblem {
   void add_constraints(const UncalibratedScene& scene);
   Eigen::Matrix2d metric_root(int j) const;
   Eigen::Vector2d residual(int j, int o) const;
+  void part_reduced_system();
   bool find_low_rank(double damping);
   bool solve_low_rank();
+  Eigen::MatrixXd rows_times(const Eigen::MatrixXd& x, bool exact_rows) const;
   Eigen::MatrixXd lambda_times(const Eigen::MatrixXd& x, bool exact_rows) const;
+  std::vector<int> imposed_rows() const;
 
   const ObservationIndex& index_;
   const LensAdjustmentOptions options_;
@@ -101,9 +109,10 @@ class IntrinsicsFreeProblem {
   PointElimination elimination_;
   Eigen::VectorXd pose_scale_;  // diagonal of A, poses
   Eigen::VectorXd gamma_;       // 6 for each image
-  // Of a step: factor of S, L^-1 S_xf, L^-1 s, Gamma, h = -F A^-1 g, z, f and the steps of the poses.
-  Eigen::MatrixXd factor_, half_, gamma_matrix_, system_;
-  Eigen::VectorXd half_right_, free_change_, z_, f_, pose_steps_, multipliers_;
+  // Of a step: L, Y, y, Gamma, h, z, f and eta of the class comment, the system for z and eta, and the steps
+  // of the poses.
+  Eigen::MatrixXd l_, y_xf_, capital_gamma_, system_;
+  Eigen::VectorXd y_x_, h_, z_, f_, eta_, pose_steps_;
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
 };
 

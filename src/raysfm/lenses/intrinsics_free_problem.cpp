@@ -216,8 +216,9 @@ LmTrial IntrinsicsFreeProblem::evaluate(bool linearize) {
   for (int i = 0; i < index_.point_count(); ++i)
     trial_.points[i] = scene_.points[i] + elimination_.point_step(i);
   trial_cost_ = cost(&trial_);
-  if (linearize && trial_cost_ <= cost_) normal_equations(trial_);
-  return {cost_, trial_cost_};
+  const bool there = linearize && trial_cost_ <= cost_;
+  if (there) normal_equations(trial_);
+  return {cost_, trial_cost_, there};
 }
 
 void IntrinsicsFreeProblem::accept() {

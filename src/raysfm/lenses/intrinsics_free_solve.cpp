@@ -5,50 +5,55 @@
 
 namespace raysfm {
 
-// Factor of the reduced A, then Gamma = F A^-1 F^T and h = -F A^-1 g.
-bool IntrinsicsFreeProblem::find_low_rank(double damping) {
+// S and s by rows of poses and rows of f.
+void IntrinsicsFreeProblem::part_reduced_system() {
   const int images = index_.image_count(), n = 6 * images;
-  if (!elimination_.reduce(damping)) return false;
   const PointElimination::Matrix s = elimination_.reduced();
-  factor_.resize(n, n);
-  half_.resize(n, n);
-  gamma_matrix_.resize(n, n);
-  half_right_.resize(n);
-  free_change_.resize(n);
-  // The 12 rows of an image are those of its pose and those of its f; below the diagonal only is filled.
-  const auto block = [&s](int row, int row_half, int column, int column_half) {
-    return s.block<6, 6>(12 * row + 6 * row_half, 12 * column + 6 * column_half);
+  const PointElimination::Vector right = elimination_.right();
+  l_.resize(n, n);
+  y_xf_.resize(n, n);
+  capital_gamma_.resize(n, n);
+  y_x_.resize(n);
+  h_.resize(n);
+  // The 12 rows of an image are those of its pose and those of its f; of s, the lower triangle is filled.
+  enum Part { kPose = 0, kF = 6 };
+  const auto block = [&s](int row, Part row_part, int column, Part column_part) {
+    return s.block<6, 6>(12 * row + row_part, 12 * column + column_part);
   };
   for (int c = 0; c < images; ++c) {
     for (int r = 0; r < images; ++r) {
       if (r >= c) {
-        factor_.block<6, 6>(6 * r, 6 * c) = block(r, 0, c, 0);
-        gamma_matrix_.block<6, 6>(6 * r, 6 * c) = -block(r, 1, c, 1);
+        l_.block<6, 6>(6 * r, 6 * c) = block(r, kPose, c, kPose);
+        capital_gamma_.block<6, 6>(6 * r, 6 * c) = -block(r, kF, c, kF);
       }
-      // Columns of half_ are f, rows are poses.
-      half_.block<6, 6>(6 * r, 6 * c) =
-          r > c ? Eigen::Matrix<double, 6, 6>(block(r, 0, c, 1)) : block(c, 1, r, 0).transpose();
+      if (r > c) {
+        y_xf_.block<6, 6>(6 * r, 6 * c) = block(r, kPose, c, kF);
+      } else {
+        y_xf_.block<6, 6>(6 * r, 6 * c) = block(c, kF, r, kPose).transpose();
+      }
     }
-    half_right_.segment<6>(6 * c) = elimination_.right().segment<6>(12 * c);
-    free_change_.segment<6>(6 * c) = elimination_.right().segment<6>(12 * c + 6);
+    y_x_.segment<6>(6 * c) = right.segment<6>(12 * c + kPose);
+    h_.segment<6>(6 * c) = right.segment<6>(12 * c + kF);
   }
-  factor_.diagonal() += damping * pose_scale_;
-  Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(factor_);
+}
+
+// L, Y, y, Gamma and h of the class comment.
+bool IntrinsicsFreeProblem::find_low_rank(double damping) {
+  if (!elimination_.reduce(damping)) return false;
+  part_reduced_system();
+  l_.diagonal() += damping * pose_scale_;
+  Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(l_);
   if (llt.info() != Eigen::Success) return false;
-  llt.matrixL().solveInPlace(half_);
-  llt.matrixL().solveInPlace(half_right_);
-  gamma_matrix_.selfadjointView<Eigen::Lower>().rankUpdate(half_.transpose());
-  gamma_matrix_.triangularView<Eigen::StrictlyUpper>() = gamma_matrix_.transpose();
-  free_change_.noalias() -= half_.transpose() * half_right_;
+  llt.matrixL().solveInPlace(y_xf_);
+  llt.matrixL().solveInPlace(y_x_);
+  capital_gamma_.selfadjointView<Eigen::Lower>().rankUpdate(y_xf_.transpose());
+  capital_gamma_.triangularView<Eigen::StrictlyUpper>() = capital_gamma_.transpose();
+  h_.noalias() -= y_xf_.transpose() * y_x_;
   return true;
 }
 
-Eigen::MatrixXd IntrinsicsFreeProblem::lambda_times(const Eigen::MatrixXd& x, bool exact_rows) const {
-  Eigen::MatrixXd product(x.rows(), x.cols());
-  for (int j = 0; j < index_.image_count(); ++j) {
-    product.middleRows<6>(6 * j).noalias() = images_[j].own_lambda * x.middleRows<6>(6 * j);
-  }
-  // What the rows say of the columns of x, less the weighted mean where they are about one.
+// What the rows of the constraints say of the columns of x, less the weighted mean where they are about one.
+Eigen::MatrixXd IntrinsicsFreeProblem::rows_times(const Eigen::MatrixXd& x, bool exact_rows) const {
   Eigen::MatrixXd changes(rows_.size(), x.cols()), mean = Eigen::MatrixXd::Zero(5, x.cols());
   LensVector weight = LensVector::Constant(1e-300);
   for (size_t i = 0; i < rows_.size(); ++i) {
@@ -66,10 +71,22 @@ Eigen::MatrixXd IntrinsicsFreeProblem::lambda_times(const Eigen::MatrixXd& x, bo
   }
   for (size_t i = 0; i < rows_.size(); ++i) {
     const ConstraintRow& row = rows_[i];
+    if ((row.exact && !exact_rows) || row.reference != ConstraintRow::kMean) continue;
+    changes.row(i) -= row.coefficients.cwiseQuotient(weight).transpose() * mean;
+  }
+  return changes;
+}
+
+// Lambda x: what the images say of themselves, and the weighted constraints, with or without the exact ones.
+Eigen::MatrixXd IntrinsicsFreeProblem::lambda_times(const Eigen::MatrixXd& x, bool exact_rows) const {
+  Eigen::MatrixXd product(x.rows(), x.cols());
+  for (int j = 0; j < index_.image_count(); ++j) {
+    product.middleRows<6>(6 * j).noalias() = images_[j].own_lambda * x.middleRows<6>(6 * j);
+  }
+  Eigen::MatrixXd changes = rows_times(x, exact_rows);
+  for (size_t i = 0; i < rows_.size(); ++i) {
+    const ConstraintRow& row = rows_[i];
     if (row.exact && !exact_rows) continue;
-    if (row.reference == ConstraintRow::kMean) {
-      changes.row(i) -= row.coefficients.cwiseQuotient(weight).transpose() * mean;
-    }
     changes.row(i) *= row.weight * row.weight;
     product.middleRows<6>(6 * row.image).noalias() += row_coefficients_.col(i).head<6>() * changes.row(i);
     if (row.reference >= 0) {
@@ -80,39 +97,44 @@ Eigen::MatrixXd IntrinsicsFreeProblem::lambda_times(const Eigen::MatrixXd& x, bo
   return product;
 }
 
-// z (and the multipliers) of the class comment.
+// The rows of the constraints that multipliers impose.
+std::vector<int> IntrinsicsFreeProblem::imposed_rows() const {
+  std::vector<int> imposed;
+  if (options_.method != ConstraintMethod::kLagrange) return imposed;
+  for (size_t i = 0; i < rows_.size(); ++i) {
+    if (rows_[i].exact) imposed.push_back(static_cast<int>(i));
+  }
+  return imposed;
+}
+
+// z (and eta) of the class comment, and f = h - Gamma z.
 bool IntrinsicsFreeProblem::solve_low_rank() {
   const int n = static_cast<int>(gamma_.size());
-  const bool multipliers = options_.method == ConstraintMethod::kLagrange;
-  std::vector<int> exact;
-  if (multipliers) {
-    for (size_t i = 0; i < rows_.size(); ++i) {
-      if (rows_[i].exact) exact.push_back(static_cast<int>(i));
-    }
-  }
-  const int constraints = static_cast<int>(exact.size());
+  const bool weighted = options_.method == ConstraintMethod::kWeights;
+  const std::vector<int> imposed = imposed_rows();
+  const int constraints = static_cast<int>(imposed.size());
   Eigen::VectorXd right(n + constraints);
-  right.head(n) = gamma_ + lambda_times(free_change_, !multipliers);
+  right.head(n) = gamma_ + lambda_times(h_, weighted);
   system_.setZero(n + constraints, n + constraints);
-  system_.topLeftCorner(n, n) = lambda_times(gamma_matrix_, !multipliers);
+  system_.topLeftCorner(n, n) = lambda_times(capital_gamma_, weighted);
   system_.topLeftCorner(n, n).diagonal().array() += 1;
   for (int k = 0; k < constraints; ++k) {
-    // -E^T eta in the first rows; E Gamma z = E h + c in the last, since f = h - Gamma z.
-    const ConstraintRow& row = rows_[exact[k]];
+    // -E^T eta in the first rows; E Gamma z = E h + c in the last.
+    const ConstraintRow& row = rows_[imposed[k]];
     Eigen::VectorXd e = Eigen::VectorXd::Zero(n);
-    e.segment<6>(6 * row.image) = row.weight * row_coefficients_.col(exact[k]).head<6>();
+    e.segment<6>(6 * row.image) = row.weight * row_coefficients_.col(imposed[k]).head<6>();
     if (row.reference >= 0) {
-      e.segment<6>(6 * row.reference) = row.weight * row_coefficients_.col(exact[k]).tail<6>();
+      e.segment<6>(6 * row.reference) = row.weight * row_coefficients_.col(imposed[k]).tail<6>();
     }
     system_.col(n + k).head(n) = -e;
-    system_.row(n + k).head(n).noalias() = e.transpose() * gamma_matrix_;
-    right[n + k] = e.dot(free_change_) + row.weight * violations_[exact[k]];
+    system_.row(n + k).head(n).noalias() = e.transpose() * capital_gamma_;
+    right[n + k] = e.dot(h_) + row.weight * violations_[imposed[k]];
   }
   lu_.compute(system_);
   const Eigen::VectorXd solution = lu_.solve(right);
   z_ = solution.head(n);
-  multipliers_ = solution.tail(constraints);
-  f_ = free_change_ - gamma_matrix_ * z_;
+  eta_ = solution.tail(constraints);
+  f_ = h_ - capital_gamma_ * z_;
   return z_.allFinite();
 }
 
@@ -120,8 +142,8 @@ LmStep IntrinsicsFreeProblem::solve(double damping) {
   costs_.push_back(costs_.back());
   if (!find_low_rank(damping) || !solve_low_rank()) return {};
   const int images = index_.image_count();
-  pose_steps_ = -(half_right_ + half_ * z_);
-  factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(pose_steps_);
+  pose_steps_ = -(y_x_ + y_xf_ * z_);
+  l_.triangularView<Eigen::Lower>().transpose().solveInPlace(pose_steps_);
   Eigen::VectorXd numbers(12 * images);
   for (int j = 0; j < images; ++j) {
     numbers.segment<6>(12 * j) = pose_steps_.segment<6>(6 * j);
@@ -136,11 +158,10 @@ LmStep IntrinsicsFreeProblem::solve(double damping) {
       damping * (elimination_.scaled_step_norm() + pose_scale_.dot(pose_steps_.cwiseAbs2()));
   // With multipliers (H + D) dx = -g - F^T E^T eta, and the price of the violations is saved.
   double constrained = 0;
-  int k = 0;
-  for (size_t i = 0; i < rows_.size() && k < multipliers_.size(); ++i) {
-    if (!rows_[i].exact) continue;
-    const double c = rows_[i].weight * violations_[i];
-    constrained += c * (c - multipliers_[k++]);
+  const std::vector<int> imposed = imposed_rows();
+  for (size_t k = 0; k < imposed.size(); ++k) {
+    const double c = rows_[imposed[k]].weight * violations_[imposed[k]];
+    constrained += c * (c - eta_[k]);
   }
   const double decrease = 0.5 * (damped - along + constrained);
   return {pose_steps_.allFinite() && decrease > 0, decrease};
@@ -172,10 +193,10 @@ std::vector<Eigen::Matrix<double, 5, 5>> IntrinsicsFreeProblem::lens_covariances
   constexpr double kDamping = 1e-10;  // the directions that it holds do not move the lenses
   if (!find_low_rank(kDamping)) return {};
   const int n = static_cast<int>(gamma_.size());
-  Eigen::MatrixXd system = lambda_times(gamma_matrix_, true).transpose();
+  Eigen::MatrixXd system = lambda_times(capital_gamma_, true).transpose();
   system.diagonal().array() += 1;
   lu_.compute(system);
-  const Eigen::MatrixXd b = lu_.inverse(), psi = b * gamma_matrix_;
+  const Eigen::MatrixXd b = lu_.inverse(), psi = b * capital_gamma_;
   Eigen::MatrixXd covariance = -b * psi, xi = Eigen::MatrixXd::Zero(n, n);
   for (int j = 0; j < index_.image_count(); ++j) {
     const Eigen::Matrix2d to_invariant = images_[j].t_p_inverse.linear();

@@ -20,6 +20,11 @@ struct Lens {
   Eigen::Vector2d pixel(const Eigen::Vector2d& m) const {
     return {fx * m.x() + skew * m.y() + cx, fy * m.y() + cy};
   }
+  // The other way round.
+  Eigen::Vector2d normalised(const Eigen::Vector2d& pixel) const {
+    const double y = (pixel.y() - cy) / fy;
+    return {(pixel.x() - cx - skew * y) / fx, y};
+  }
 };
 
 }  // namespace raysfm

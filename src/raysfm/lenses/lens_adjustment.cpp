@@ -101,8 +101,9 @@ std::vector<double> squared_errors(const ObservationIndex& index, const Uncalibr
   std::vector<double> errors;
   for (int j = 0; j < index.image_count(); ++j) {
     for (int o = index.image_begin[j]; o < index.image_begin[j + 1]; ++o) {
-      const Eigen::Vector3d x = part.cam_from_world[j] * part.points[index.point_of[o]];
-      errors.push_back((part.lenses[j].pixel(x.hnormalized()) - index.pixel[o]).squaredNorm());
+      errors.push_back(pixel_residual(part.cam_from_world[j], part.lenses[j], {},
+                                      part.points[index.point_of[o]], index.pixel[o])
+                           .squaredNorm());
     }
   }
   return errors;

@@ -52,6 +52,8 @@ struct LmOptions {
   double min_relative_decrease = 1e-6;  // stop when an accepted step lowers the cost by less than this share
   double initial_damping = 1e-4;        // lambda, relative to the diagonal of the normal equations
   const ProgressCallback* progress = nullptr;  // null or empty: none
+  // Whether a step that promises less than min_relative_decrease is tried all the same before the end.
+  bool try_last_step = true;
 };
 
 // How a minimisation went.
@@ -73,6 +75,34 @@ struct LmStep {
 struct LmTrial {
   double before = 0;
   double after = 0;
+  bool linearized = false;  // the normal equations are now those of the moved state
+};
+
+// Lambda by Nielsen's rule: it falls as well as the quadratic model held, and grows faster and faster while
+// steps are refused.
+class NielsenDamping {
+ public:
+  explicit NielsenDamping(double lambda) : lambda_(lambda) {}
+
+  double lambda() const { return lambda_; }
+  // No step has been refused since the last that was accepted.
+  bool is_first_try() const { return growth_ == kFirstGrowth; }
+  // `gain`: the decrease of the cost, of what the model promised.
+  void accepted(double gain) {
+    const double excess = 2.0 * gain - 1.0;
+    lambda_ = std::max(kLeast, lambda_ * std::max(1.0 / 3.0, 1.0 - excess * excess * excess));
+    growth_ = kFirstGrowth;
+  }
+  // False when lambda is so large that no step is left.
+  bool refused() {
+    lambda_ *= growth_;
+    growth_ *= 2.0;
+    return lambda_ <= kMost;
+  }
+
+ private:
+  static constexpr double kLeast = 1e-10, kMost = 1e12, kFirstGrowth = 2.0;
+  double lambda_, growth_ = kFirstGrowth;
 };
 
 // Levenberg-Marquardt minimisation with Marquardt's scaling of the damping (lambda times the diagonal of the
@@ -80,13 +110,13 @@ struct LmTrial {
 //   double linearize()            normal equations at the current state; returns the cost there
 //   LmStep solve(double lambda)   step of the damped system
 //   LmTrial evaluate(bool linearize)  cost of the current state moved by the step; with `linearize` also the
-//                                 normal equations there, in place of those of the current state
+//                                 normal equations there, in place of those of the current state, unless the
+//                                 problem sees that the step will be refused
 //   void accept()                 makes the moved state the current one
 // Most steps are accepted, and cost and derivatives share most of their work: they are computed together
 // unless the step is expected to be the last.
 template <typename Problem>
 LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
-  constexpr double kMinDamping = 1e-10, kMaxDamping = 1e12, kFirstGrowth = 2.0;
   LmSummary summary;
   double cost = problem.linearize();
   summary.initial_cost = summary.final_cost = cost;
@@ -95,50 +125,45 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
     return summary;
   }
   summary.termination = Termination::kMaxIterations;
-  double damping = options.initial_damping, growth = kFirstGrowth;
-  const auto go_on = [&](const IterationInfo& info) {
-    return !options.progress || !*options.progress || (*options.progress)(info);
-  };
-  bool stale = false;  // the normal equations are not those of the current state
+  NielsenDamping damping(options.initial_damping);
+  bool equations_are_current = true;
   while (summary.iterations < options.max_iterations) {
-    if (stale) problem.linearize();
+    if (!equations_are_current) problem.linearize();
     ++summary.iterations;
-    const LmStep step = problem.solve(damping);
+    const LmStep step = problem.solve(damping.lambda());
     // Heavily damped after a refusal, a step may be small without the bottom being near.
-    const bool first_try = growth == kFirstGrowth;
-    const bool at_bottom = first_try && step.valid && step.decrease <= options.min_relative_decrease * cost;
-    const bool ahead = !at_bottom && summary.iterations < options.max_iterations;
-    const LmTrial trial = step.valid ? problem.evaluate(ahead) : LmTrial{cost, INFINITY};
+    const bool first_try = damping.is_first_try();
+    const bool promises_little =
+        first_try && step.valid && step.decrease <= options.min_relative_decrease * cost;
+    if (promises_little && !options.try_last_step) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+    const bool goes_on = !promises_little && summary.iterations < options.max_iterations;
+    const LmTrial trial = step.valid ? problem.evaluate(goes_on) : LmTrial{cost, INFINITY};
     const bool accepted = trial.after <= trial.before;  // false for NaN
-    stale = accepted ? !ahead : ahead && step.valid;
+    equations_are_current = trial.linearized == accepted;
     if (accepted) {
       problem.accept();
       summary.final_cost = cost = trial.after;
     }
-    if (!go_on({summary.iterations, cost, damping, accepted})) {
+    const IterationInfo info{summary.iterations, cost, damping.lambda(), accepted};
+    if (options.progress && *options.progress && !(*options.progress)(info)) {
       summary.termination = Termination::kInterrupted;
       break;
     }
+    // A refused step that promised little: at the bottom, as far as doubles can tell.
+    const double decrease = trial.before - trial.after;
+    const bool gained_little = first_try && decrease <= options.min_relative_decrease * trial.before;
+    if (accepted ? gained_little : promises_little) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
     if (accepted) {
-      const double decrease = trial.before - trial.after;
-      if (first_try && decrease <= options.min_relative_decrease * trial.before) {
-        summary.termination = Termination::kConverged;
-        break;
-      }
-      const double gain = 2.0 * decrease / step.decrease - 1.0;
-      damping = std::max(kMinDamping, damping * std::max(1.0 / 3.0, 1.0 - gain * gain * gain));
-      growth = kFirstGrowth;
-    } else {
-      if (at_bottom) {  // as far as doubles can tell
-        summary.termination = Termination::kConverged;
-        break;
-      }
-      damping *= growth;
-      growth *= 2.0;
-      if (damping > kMaxDamping) {
-        summary.termination = Termination::kNoProgress;
-        break;
-      }
+      damping.accepted(decrease / step.decrease);
+    } else if (!damping.refused()) {
+      summary.termination = Termination::kNoProgress;
+      break;
     }
   }
   return summary;

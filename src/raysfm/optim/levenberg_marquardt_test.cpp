@@ -35,7 +35,7 @@ struct Small {
     Eigen::Matrix2d trial_j;
     f(trial, &trial_r, &trial_j);
     if (linearize) r = trial_r, j = trial_j;
-    return {cost, trial_cost = 0.5 * trial_r.squaredNorm()};
+    return {cost, trial_cost = 0.5 * trial_r.squaredNorm(), linearize};
   }
   void accept() {
     x = trial;
@@ -89,6 +89,49 @@ TEST(LevenbergMarquardt, SaysWhyItStopped) {
   EXPECT_EQ(summary.termination, Termination::kNoProgress);
   EXPECT_EQ(summary.final_cost, summary.initial_cost);
   EXPECT_EQ(wrong.x, Eigen::Vector2d(1, 1));
+}
+
+// Rosenbrock's valley makes steps be refused. A problem that keeps the normal equations of the current state
+// then is not asked for them again, and comes to the same place by the same steps.
+TEST(LevenbergMarquardt, NormalEquationsThatAreCurrentAreNotAskedForAgain) {
+  struct Keeping : Small {
+    int linearized = 0;
+    double linearize() {
+      ++linearized;
+      return Small::linearize();
+    }
+    LmTrial evaluate(bool linearize) {
+      const LmTrial trial_here = Small::evaluate(false);
+      const bool there = linearize && trial_here.after <= trial_here.before;
+      if (there) Small::evaluate(true);
+      return {trial_here.before, trial_here.after, there};
+    }
+  };
+  const LmOptions options{.max_iterations = 100, .min_relative_decrease = 1e-12};
+  Small plain{rosenbrock, {-1.2, 1.0}};
+  Keeping keeping{{rosenbrock, {-1.2, 1.0}}};
+  const LmSummary expected = levenberg_marquardt(plain, options);
+  const LmSummary summary = levenberg_marquardt(keeping, options);
+  EXPECT_GT(summary.iterations, static_cast<int>(keeping.costs.size()));  // some were refused
+  EXPECT_EQ(keeping.linearized, 1);
+  EXPECT_EQ(summary.iterations, expected.iterations);
+  EXPECT_EQ(keeping.x, plain.x);
+}
+
+TEST(LevenbergMarquardt, LastStepIsLeftOutWhereItIsNotWanted) {
+  const LmOptions tried{.max_iterations = 100, .min_relative_decrease = 1e-3};
+  LmOptions left_out = tried;
+  left_out.try_last_step = false;
+  // Linear: the second step has nothing left to win.
+  const auto residual_at_the_bottom = [](const Eigen::Vector2d& x, Eigen::Vector2d* r, Eigen::Matrix2d* j) {
+    *r << x[0] - 1, x[0] + 2;
+    *j << 1, 0, 1, 0;
+  };
+  Small with{residual_at_the_bottom, {3, 0}}, without{residual_at_the_bottom, {3, 0}};
+  EXPECT_EQ(levenberg_marquardt(with, tried).termination, Termination::kConverged);
+  EXPECT_EQ(levenberg_marquardt(without, left_out).termination, Termination::kConverged);
+  EXPECT_EQ(without.costs.size() + 1, with.costs.size());
+  EXPECT_LT(without.cost, (1 + 1e-3) * with.cost);
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "raysfm/core/median.h"
+
 namespace raysfm {
 namespace {
 
@@ -85,9 +87,8 @@ void bring_to_unit_scale(UncalibratedScene* scene) {
   for (const Eigen::Vector3d& x : scene->points) mean += x / scene->points.size();
   std::vector<double> distances;
   for (const Eigen::Vector3d& x : scene->points) distances.push_back((x - mean).norm());
-  const auto middle = distances.begin() + static_cast<ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  const double scale = *middle > 0 ? 1 / *middle : 1;
+  const double middle = median_of(&distances);
+  const double scale = middle > 0 ? 1 / middle : 1;
   for (Eigen::Vector3d& x : scene->points) x *= scale;
   for (Rigid3& pose : scene->cam_from_world) pose.translation *= scale;
 }

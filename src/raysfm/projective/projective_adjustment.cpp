@@ -69,8 +69,9 @@ class ProjectiveProblem {
       trial_.points[i] = (x + tangent_basis<4>(x) * elimination_.point_step(i)).normalized();
     }
     trial_cost_ = cost(trial_);
-    if (linearize && trial_cost_ <= cost_) normal_equations(trial_);
-    return {cost_, trial_cost_};
+    const bool there = linearize && trial_cost_ <= cost_;
+    if (there) normal_equations(trial_);
+    return {cost_, trial_cost_, there};
   }
 
   void accept() {

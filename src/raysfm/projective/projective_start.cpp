@@ -4,70 +4,13 @@
 #include <algorithm>
 #include <array>
 
-#include "raysfm/projective/projective_resection.h"
+#include "raysfm/projective/view_estimator.h"
 #include "raysfm/projective/view_pair.h"
-#include "raysfm/robust/ransac.h"
 
 namespace raysfm {
 namespace {
 
 constexpr int kMinViewInliers = 8;
-
-double squared_error(const Matrix34d& view, const Eigen::Vector4d& point, const Eigen::Vector2d& pixel) {
-  return ((view * point).hnormalized() - pixel).squaredNorm();
-}
-
-class ViewEstimator {
- public:
-  using Model = Matrix34d;
-  static constexpr int kSampleSize = 6, kMaxModels = 1;
-
-  ViewEstimator(const std::vector<Eigen::Vector4d>& points, const std::vector<Eigen::Vector2d>& pixels,
-                double max_error)
-      : points_(points), pixels_(pixels), max_error2_(max_error * max_error) {}
-
-  int size() const { return static_cast<int>(points_.size()); }
-  bool sample(Rng& rng, std::array<int, kSampleSize>* sample) const {
-    draw_sample(rng, size(), sample);
-    return true;
-  }
-  int generate(const std::array<int, kSampleSize>& sample, std::array<Model, kMaxModels>* models) {
-    std::array<Eigen::Vector4d, kSampleSize> x;
-    std::array<Eigen::Vector2d, kSampleSize> p;
-    for (int i = 0; i < kSampleSize; ++i) x[i] = points_[sample[i]], p[i] = pixels_[sample[i]];
-    return view_from_points(x, p, models->data()) ? 1 : 0;
-  }
-  RansacScore score(const Model& model, double limit) const {
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int i = 0; i < size(); ++i) {
-      const double share = squared_error(model, points_[i], pixels_[i]) / max_error2_;
-      score.inliers += share < 1;
-      score.cost += share < 1 ? share : 1.0;
-      if (score.cost > limit) return {};
-    }
-    return score;
-  }
-  void refine(Model* model) {
-    for (int round = 0; round < 3; ++round) {
-      kept_points_.clear(), kept_pixels_.clear();
-      for (int i = 0; i < size(); ++i) {
-        if (!(squared_error(*model, points_[i], pixels_[i]) < max_error2_)) continue;
-        kept_points_.push_back(points_[i]);
-        kept_pixels_.push_back(pixels_[i]);
-      }
-      Model better;
-      if (!view_from_points(kept_points_, kept_pixels_, &better)) return;
-      *model = better;
-    }
-  }
-
- private:
-  const std::vector<Eigen::Vector4d>& points_;
-  const std::vector<Eigen::Vector2d>& pixels_;
-  const double max_error2_;
-  std::vector<Eigen::Vector4d> kept_points_;
-  std::vector<Eigen::Vector2d> kept_pixels_;
-};
 
 class Builder {
  public:
@@ -151,7 +94,7 @@ class Builder {
       points.push_back(result_.scene.points[tracks_.point[*k]]);
       pixels.push_back(tracks_.pixel[*k]);
     }
-    ViewEstimator estimator(points, pixels, options_.max_error);
+    ViewEstimator estimator(points, pixels, false, options_.max_error);
     const RansacOptions options{.max_iterations = options_.max_samples,
                                 .seed = options_.seed,
                                 .stream = 1000 + static_cast<uint64_t>(image)};

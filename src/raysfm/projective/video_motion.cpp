@@ -3,13 +3,13 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
+#include <span>
 #include <vector>
 
 #include "raysfm/core/median.h"
 #include "raysfm/projective/eight_point.h"
+#include "raysfm/projective/match_estimator.h"
 #include "raysfm/projective/view_pair.h"
-#include "raysfm/robust/ransac.h"
 
 namespace raysfm {
 namespace {
@@ -20,58 +20,8 @@ constexpr int kMaxMotionSamples = 500;
 // An error of a homography may be larger: a lens that bends lines breaks it where the camera only turns.
 constexpr double kHomographyError = 0.006;  // of the image's larger side
 
-// What the two estimators share: matches, and a refinement over inliers.
-template <typename Derived, int kSample>
-class MatchEstimator {
- public:
-  using Model = Eigen::Matrix3d;
-  static constexpr int kSampleSize = kSample, kMaxModels = 1;
-
-  MatchEstimator(const PairMatches& matches, double max_error)
-      : matches_(matches), max_error2_(max_error * max_error) {}
-
-  int size() const { return static_cast<int>(matches_.a.size()); }
-  bool sample(Rng& rng, std::array<int, kSample>* sample) const {
-    draw_sample(rng, size(), sample);
-    return true;
-  }
-  int generate(const std::array<int, kSample>& sample, std::array<Model, 1>* models) const {
-    std::array<Eigen::Vector2d, kSample> a, b;
-    for (int i = 0; i < kSample; ++i) a[i] = matches_.a[sample[i]], b[i] = matches_.b[sample[i]];
-    return Derived::fit(a, b, models->data()) ? 1 : 0;
-  }
-  RansacScore score(const Model& model, double limit) const {
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int i = 0; i < size(); ++i) {
-      const double share = Derived::error2(model, matches_.a[i], matches_.b[i]) / max_error2_;
-      score.inliers += share < 1;
-      score.cost += std::min(1.0, share);
-      if (score.cost > limit) return {};
-    }
-    return score;
-  }
-  void refine(Model* model) const {
-    for (int round = 0; round < 2; ++round) {
-      std::vector<Eigen::Vector2d> a, b;
-      for (int i = 0; i < size(); ++i) {
-        if (!(Derived::error2(*model, matches_.a[i], matches_.b[i]) < max_error2_)) continue;
-        a.push_back(matches_.a[i]);
-        b.push_back(matches_.b[i]);
-      }
-      Model better;
-      if (!Derived::fit(a, b, &better)) return;
-      *model = better;
-    }
-  }
-
- private:
-  const PairMatches& matches_;
-  const double max_error2_;
-};
-
-class HomographyEstimator : public MatchEstimator<HomographyEstimator, 4> {
- public:
-  using MatchEstimator::MatchEstimator;
+struct Homography {
+  static constexpr int kSampleSize = 4, kRounds = 2;
   static bool fit(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector2d> b,
                   Eigen::Matrix3d* model) {
     return homography_from_points(a, b, model);
@@ -82,9 +32,8 @@ class HomographyEstimator : public MatchEstimator<HomographyEstimator, 4> {
 };
 
 // Pixels move along lines through one point e: the fundamental matrix is that of the cross product with e.
-class TranslationEstimator : public MatchEstimator<TranslationEstimator, 2> {
- public:
-  using MatchEstimator::MatchEstimator;
+struct Translation {
+  static constexpr int kSampleSize = 2, kRounds = 2;
   static bool fit(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector2d> b,
                   Eigen::Matrix3d* model) {
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
@@ -103,9 +52,9 @@ class TranslationEstimator : public MatchEstimator<TranslationEstimator, 2> {
   }
 };
 
-template <typename Estimator>
+template <typename Relation>
 int inliers(const PairMatches& matches, double max_error, uint64_t seed, Eigen::Matrix3d* model) {
-  Estimator estimator(matches, max_error);
+  MatchEstimator<Relation> estimator(matches, max_error);
   const RansacReport report =
       ransac(estimator, {.max_iterations = kMaxMotionSamples, .seed = seed, .stream = 0}, model);
   return report.found() ? report.score.inliers : 0;
@@ -147,11 +96,11 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
     ViewPair epipolar;
     if (!fundamental_ransac(matches, max_error_px, kMaxMotionSamples, seed, first, &epipolar)) continue;
     Eigen::Matrix3d model;
-    homography.push_back(double(inliers<HomographyEstimator>(
-                             matches, std::max(max_error_px, kHomographyError * side), seed, &model)) /
-                         epipolar.inliers);
+    homography.push_back(
+        double(inliers<Homography>(matches, std::max(max_error_px, kHomographyError * side), seed, &model)) /
+        epipolar.inliers);
     rotation.push_back(turns(model));
-    translation.push_back(double(inliers<TranslationEstimator>(matches, max_error_px, seed, &model)) /
+    translation.push_back(double(inliers<Translation>(matches, max_error_px, seed, &model)) /
                           epipolar.inliers);
   }
   MotionShares shares;

@@ -5,9 +5,10 @@
 #include <numeric>
 #include <string>
 
+#include "raysfm/core/median.h"
 #include "raysfm/projective/eight_point.h"
 #include "raysfm/projective/homography_cause.h"
-#include "raysfm/robust/ransac.h"
+#include "raysfm/projective/match_estimator.h"
 
 namespace raysfm {
 namespace {
@@ -15,59 +16,16 @@ namespace {
 constexpr int kMinMatches = 8;
 constexpr size_t kMaxHomographyMatches = 100;  // more tell no more about how far apart two views are
 
-class FundamentalEstimator {
- public:
-  using Model = Eigen::Matrix3d;
-  static constexpr int kSampleSize = 8, kMaxModels = 1;
-
-  FundamentalEstimator(const PairMatches& matches, double max_error)
-      : matches_(matches), max_error2_(max_error * max_error) {}
-
-  int size() const { return static_cast<int>(matches_.a.size()); }
-  bool sample(Rng& rng, std::array<int, kSampleSize>* sample) const {
-    draw_sample(rng, size(), sample);
-    return true;
+struct Fundamental {
+  static constexpr int kSampleSize = 8, kRounds = 3;
+  static bool fit(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector2d> b,
+                  Eigen::Matrix3d* model) {
+    return fundamental_from_points(a, b, model);
   }
-  int generate(const std::array<int, kSampleSize>& sample, std::array<Model, kMaxModels>* models) {
-    std::array<Eigen::Vector2d, kSampleSize> a, b;
-    for (int i = 0; i < kSampleSize; ++i) a[i] = matches_.a[sample[i]], b[i] = matches_.b[sample[i]];
-    return fundamental_from_points(a, b, models->data()) ? 1 : 0;
+  static double error2(const Eigen::Matrix3d& model, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return sampson_error2(model, a, b);
   }
-  RansacScore score(const Model& model, double limit) const {
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int i = 0; i < size(); ++i) {
-      const double share = sampson_error2(model, matches_.a[i], matches_.b[i]) / max_error2_;
-      score.inliers += share < 1;
-      score.cost += std::min(1.0, share);
-      if (score.cost > limit) return {};
-    }
-    return score;
-  }
-  void refine(Model* model) {
-    for (int round = 0; round < 3; ++round) {
-      kept_a_.clear(), kept_b_.clear();
-      for (int i = 0; i < size(); ++i) {
-        if (!(sampson_error2(*model, matches_.a[i], matches_.b[i]) < max_error2_)) continue;
-        kept_a_.push_back(matches_.a[i]);
-        kept_b_.push_back(matches_.b[i]);
-      }
-      Model better;
-      if (!fundamental_from_points(kept_a_, kept_b_, &better)) return;
-      *model = better;
-    }
-  }
-
- private:
-  const PairMatches& matches_;
-  const double max_error2_;
-  std::vector<Eigen::Vector2d> kept_a_, kept_b_;
 };
-
-double median(std::vector<double>* values) {
-  const auto middle = values->begin() + static_cast<ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
 
 // Median distance that the best homography over all matches leaves.
 double homography_residual(const PairMatches& matches) {
@@ -80,7 +38,7 @@ double homography_residual(const PairMatches& matches) {
   for (size_t i = 0; i < a.size(); ++i) {
     distances.push_back(((homography * a[i].homogeneous()).hnormalized() - b[i]).norm());
   }
-  return median(&distances);
+  return median_of(&distances);
 }
 
 PairMatches inliers_of(const ViewPair& pair) {
@@ -179,7 +137,7 @@ PairMatches ImageObservations::matches(int a, int b) const {
 
 bool fundamental_ransac(const PairMatches& matches, double max_error, int max_samples, uint64_t seed,
                         uint64_t stream, ViewPair* pair) {
-  FundamentalEstimator estimator(matches, max_error);
+  MatchEstimator<Fundamental> estimator(matches, max_error);
   const RansacOptions options{.max_iterations = max_samples, .seed = seed, .stream = stream};
   const RansacReport report = ransac(estimator, options, &pair->fundamental);
   if (!report.found() || report.score.inliers < kMinMatches) return false;

@@ -114,30 +114,15 @@ class PoseRansac {
   }
 
   RansacScore score(const Rigid3& rig_from_world, double limit) const {
-    constexpr int kBlock = 64;
     const Matrix3d r = rig_from_world.rotation.toRotationMatrix();
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int begin = 0; begin < size(); begin += kBlock) {
-      for (int i = begin; i < std::min(begin + kBlock, size()); ++i) {
-        const double e = error(r, rig_from_world.translation, i);
-        score.inliers += e < 1;
-        score.cost += std::min(e, 1.0);
-      }
-      if (score.cost > limit) return {};
-    }
-    return score;
+    return truncated_score(size(), limit, [&](int i) { return error(r, rig_from_world.translation, i); });
   }
 
   // A few iterations on at most kMaxPoints of the inliers, evenly spread.
   void refine(Rigid3* rig_from_world) {
     constexpr int kMaxPoints = 150, kIterations = 4;
     collect_inliers(*rig_from_world, &inliers_);
-    const size_t stride = (inliers_.size() + kMaxPoints - 1) / kMaxPoints;
-    if (stride > 1) {
-      size_t kept = 0;
-      for (size_t i = 0; i < inliers_.size(); i += stride) inliers_[kept++] = inliers_[i];
-      inliers_.resize(kept);
-    }
+    thin_out(kMaxPoints, &inliers_);
     if (inliers_.size() < 4) return;
     residuals_.load(rig_, observations_, inliers_);
     minimise_pose(residuals_, {}, kIterations, rig_from_world);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/residuals/block_residual.h"
 #include "raysfm/residuals/normal_kernel.h"
 
@@ -129,31 +130,55 @@ PoseResiduals::NormalEquations PoseResiduals::normal_equations(const Rigid3& rig
   return result;
 }
 
+namespace {
+
+// As levenberg_marquardt() takes it.
+class PoseMinimisation {
+ public:
+  PoseMinimisation(const PoseResiduals& residuals, const RobustLoss& loss, const Rigid3& rig_from_world)
+      : residuals_(residuals),
+        loss_(loss),
+        pose_(rig_from_world),
+        current_(residuals.normal_equations(pose_, loss)) {}
+
+  double linearize() const { return current_.cost; }
+  LmStep solve(double damping) {
+    const Vector6d scale = damping * current_.hessian.diagonal();
+    Matrix6d damped = current_.hessian;
+    damped.diagonal() += scale;
+    step_ = damped.ldlt().solve(-current_.gradient);
+    const double decrease = 0.5 * (scale.dot(step_.cwiseAbs2()) - current_.gradient.dot(step_));
+    return {step_.allFinite() && decrease > 0, decrease};
+  }
+  LmTrial evaluate(bool) {
+    moved_pose_ = retract(pose_, step_);
+    moved_ = residuals_.normal_equations(moved_pose_, loss_);
+    // A point that leaves the image of the camera must not count as an improvement.
+    return {current_.cost, moved_.failed > current_.failed ? INFINITY : moved_.cost};
+  }
+  void accept() { pose_ = moved_pose_, current_ = moved_; }
+  const Rigid3& pose() const { return pose_; }
+
+ private:
+  const PoseResiduals& residuals_;
+  const RobustLoss& loss_;
+  Rigid3 pose_, moved_pose_;
+  PoseResiduals::NormalEquations current_, moved_;
+  Vector6d step_ = Vector6d::Zero();
+};
+
+}  // namespace
+
 int minimise_pose(const PoseResiduals& residuals, const RobustLoss& loss, int max_iterations,
                   Rigid3* rig_from_world) {
   constexpr double kMinDecrease = 1e-7;  // of the cost, relative: far below what the noise resolves
-  double damping = 1e-6;
-  auto current = residuals.normal_equations(*rig_from_world, loss);
-  for (int iteration = 1; iteration <= max_iterations; ++iteration) {
-    Matrix6d damped = current.hessian;
-    damped.diagonal() *= 1 + damping;
-    const Vector6d step = damped.ldlt().solve(-current.gradient);
-    if (!step.allFinite()) return iteration;
-    const double predicted = -0.5 * current.gradient.dot(step);
-    if (!(predicted > kMinDecrease * current.cost)) return iteration;
-    const Rigid3 next_pose = retract(*rig_from_world, step);
-    const auto next = residuals.normal_equations(next_pose, loss);
-    // A point that leaves the image of the camera must not count as an improvement.
-    if (next.failed > current.failed || !(next.cost < current.cost)) {
-      damping = std::max(1e-4, damping * 10);
-      if (damping > 1e8) return iteration;
-      continue;
-    }
-    *rig_from_world = next_pose;
-    current = next;
-    damping = std::max(1e-9, damping * 0.1);
-  }
-  return max_iterations;
+  PoseMinimisation problem(residuals, loss, *rig_from_world);
+  const LmSummary summary = levenberg_marquardt(problem, {.max_iterations = max_iterations,
+                                                          .min_relative_decrease = kMinDecrease,
+                                                          .initial_damping = 1e-6,
+                                                          .try_last_step = false});
+  *rig_from_world = problem.pose();
+  return summary.iterations;
 }
 
 }  // namespace raysfm

@@ -6,7 +6,7 @@
 #include <concepts>
 #include <cstdint>
 #include <limits>
-#include <span>
+#include <vector>
 
 #include "raysfm/core/random.h"
 
@@ -25,6 +25,33 @@ struct RansacScore {
   double cost = std::numeric_limits<double>::infinity();
   int inliers = 0;
 };
+
+// The score of a model over `size` data, of which `share2(i)` is (error / threshold)^2 of one; what is not a
+// number counts as an outlier. Infinite where no datum agrees, and where the cost exceeds `limit`, which is
+// looked at every few data.
+template <typename SquaredShare>
+RansacScore truncated_score(int size, double limit, SquaredShare share2) {
+  constexpr int kBlock = 16;
+  RansacScore score{.cost = 0, .inliers = 0};
+  for (int begin = 0; begin < size; begin += kBlock) {
+    for (int i = begin; i < std::min(begin + kBlock, size); ++i) {
+      const double share = share2(i);
+      score.inliers += share < 1;
+      score.cost += share < 1 ? share : 1.0;
+    }
+    if (score.cost > limit) return {};
+  }
+  return score.inliers > 0 ? score : RansacScore{};
+}
+
+// Keeps about `most` of the indices, evenly spread.
+inline void thin_out(std::size_t most, std::vector<int>* indices) {
+  const std::size_t stride = (indices->size() + most - 1) / most;
+  if (stride < 2) return;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < indices->size(); i += stride) (*indices)[kept++] = (*indices)[i];
+  indices->resize(kept);
+}
 
 struct RansacReport {
   int iterations = 0;   // samples drawn

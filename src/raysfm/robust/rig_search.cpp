@@ -60,14 +60,7 @@ double RigScorer::error(const Frames& f, const Match& m) const {
 
 RansacScore RigScorer::score(const RigMotion& motion, double limit) const {
   const Frames frames(motion);
-  RansacScore score{.cost = 0, .inliers = 0};
-  for (const Match& match : matches_) {
-    const double e = error(frames, match);
-    score.inliers += e < 1;
-    score.cost += std::min(e, 1.0);
-    if (score.cost > limit) return {};
-  }
-  return score;
+  return truncated_score(size(), limit, [&](int i) { return error(frames, matches_[i]); });
 }
 
 void RigScorer::collect_inliers(const RigMotion& motion, std::vector<int>* inliers) const {
@@ -79,15 +72,10 @@ void RigScorer::collect_inliers(const RigMotion& motion, std::vector<int>* inlie
 }
 
 void RigScorer::refine(RigMotion* motion) {
-  constexpr size_t kMaxPoints = 100;
+  constexpr int kMaxPoints = 100;
   constexpr RigRefiner::Options kFew{.max_iterations = 4};
   collect_inliers(*motion, &inliers_);
-  const size_t stride = (inliers_.size() + kMaxPoints - 1) / kMaxPoints;
-  if (stride > 1) {
-    size_t kept = 0;
-    for (size_t i = 0; i < inliers_.size(); i += stride) inliers_[kept++] = inliers_[i];
-    inliers_.resize(kept);
-  }
+  thin_out(kMaxPoints, &inliers_);
   refiner_.refine(table_, inliers_, kFew, motion);
 }
 

@@ -41,13 +41,9 @@ int RotationRansac::generate(const std::array<int, 2>& sample, std::array<Matrix
 }
 
 RansacScore RotationRansac::score(const Matrix3d& rotation, double limit) const {
-  RansacScore score{.cost = 0, .inliers = 0};
-  for (int i = 0; i < size() && score.cost <= limit; ++i) {
-    const double e = (rotation * bearings0_[i] - bearings2_[i]).squaredNorm() / max_error2_;
-    score.inliers += e < 1;
-    score.cost += std::min(e, 1.0);
-  }
-  return score;
+  return truncated_score(size(), limit, [&](int i) {
+    return (rotation * bearings0_[i] - bearings2_[i]).squaredNorm() / max_error2_;
+  });
 }
 
 void RotationRansac::refine(Matrix3d* rotation) const {

@@ -18,7 +18,6 @@ using Vector11d = Eigen::Matrix<double, 11, 1>;
 
 namespace {
 
-// Two unit rows orthogonal to `unit` and each other.
 // Residual of a view: the tangent of the angle between a bearing and where the point is seen. False behind.
 bool residual(const Eigen::Matrix<double, 2, 3>& tangents, const Vector3d& bearing, const Vector3d& seen,
               Vector2d* r) {

@@ -20,15 +20,6 @@ using Eigen::Vector3d;
 
 namespace {
 
-// Keeps about `most` of the indices, evenly spread.
-void thin_out(size_t most, std::vector<int>* indices) {
-  const size_t stride = (indices->size() + most - 1) / most;
-  if (stride < 2) return;
-  size_t kept = 0;
-  for (size_t i = 0; i < indices->size(); i += stride) (*indices)[kept++] = (*indices)[i];
-  indices->resize(kept);
-}
-
 // Motion over three views from five matches.
 class MotionRansac {
  public:
@@ -104,14 +95,7 @@ int MotionRansac::generate(const std::array<int, 5>& sample, std::array<ThreeVie
 
 RansacScore MotionRansac::score(const ThreeViewMotion& motion, double limit) const {
   const Frames frames(motion);
-  RansacScore score{.cost = 0, .inliers = 0};
-  for (int i = 0; i < size(); ++i) {
-    const double e = error(frames, i);
-    score.inliers += e < 1;
-    score.cost += std::min(e, 1.0);
-    if (score.cost > limit) return {};
-  }
-  return score;
+  return truncated_score(size(), limit, [&](int i) { return error(frames, i); });
 }
 
 bool differ(const ThreeViewMotion& a, const ThreeViewMotion& b) {

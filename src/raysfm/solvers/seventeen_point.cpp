@@ -4,7 +4,9 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <iterator>
+#include <limits>
+#include <vector>
 
 #include "raysfm/geometry/plucker.h"
 #include "raysfm/geometry/rotation.h"
@@ -80,10 +82,20 @@ Eigen::VectorXd least_vector(const Eigen::Ref<const Eigen::MatrixXd>& normal) {
   return z;
 }
 
-}  // namespace
+// Rays about the centre of the camera in units of its size, as lines.
+struct CentredLines {
+  std::vector<PluckerLine> lines0, lines1;
+  CentredLines(std::span<const Ray> rays0, std::span<const Ray> rays1, const Vector3d& centre, double unit) {
+    const auto centred = [&](const Ray& ray) {
+      return plucker_line(Ray{(ray.origin - centre) / unit, ray.direction});
+    };
+    std::transform(rays0.begin(), rays0.end(), std::back_inserter(lines0), centred);
+    std::transform(rays1.begin(), rays1.end(), std::back_inserter(lines1), centred);
+  }
+  size_t size() const { return lines0.size(); }
+};
 
-PlessRow pless_row(const Ray& ray0, const Ray& ray1) {
-  const PluckerLine line0 = plucker_line(ray0), line1 = plucker_line(ray1);
+PlessRow pless_row(const PluckerLine& line0, const PluckerLine& line1) {
   PlessRow row;
   for (int j = 0; j < 3; ++j) {
     for (int i = 0; i < 3; ++i) {
@@ -92,6 +104,59 @@ PlessRow pless_row(const Ray& ray0, const Ray& ray1) {
     }
   }
   return row;
+}
+
+// E~ of norm sqrt(2) from the part of the kernel that is orthogonal to the exact solutions: these change R~
+// alone in this frame. False where the matches do not determine it.
+bool find_essential(const CentredLines& lines, const RayClass& ray_class, Matrix3d* essential) {
+  constexpr double kLeastSize = 1e-12;
+  Matrix18d normal = Matrix18d::Zero();
+  for (size_t i = 0; i < lines.size(); ++i) {
+    const PlessRow row = pless_row(lines.lines0[i], lines.lines1[i]);
+    normal.selfadjointView<Eigen::Lower>().rankUpdate(row.transpose());
+  }
+  normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
+  if (!normal.allFinite()) return false;
+  std::array<Matrix3d, 9> parts;
+  const int exact = exact_rotation_parts(ray_class, &parts);
+  const Basis18 basis = complement(std::span(parts.data(), exact));
+  const Vector18d x = basis * least_vector(basis.transpose() * normal * basis);
+  *essential = Eigen::Map<const Matrix3d>(x.data() + 9);
+  const double size = essential->norm();
+  if (!(size > kLeastSize)) return false;
+  *essential *= std::sqrt(2.0) / size;
+  return true;
+}
+
+// A pose rig0_from_rig1 about the centre, and the sum of its squared Pless residuals.
+struct Candidate {
+  double cost;
+  Rigid3 pose;
+};
+
+// The residual of a match is linear in the length of the translation: constant + slope * length. Takes the
+// length that fits the matches best, or 1 for a central camera, of which they tell none. Decompositions with
+// t and -t are the same pose once the length is free: a negative one has an infinite cost.
+Candidate scaled(const Rigid3& direction, const CentredLines& lines, bool central) {
+  const Matrix3d rotation = direction.rotation.toRotationMatrix();
+  const Vector3d t = direction.translation;
+  double slope2 = 0, product = 0, constant2 = 0;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    const PluckerLine &line0 = lines.lines0[i], &line1 = lines.lines1[i];
+    const double constant = pless_residual(rotation, Vector3d::Zero(), line0, line1);
+    const double slope = -line0.direction.dot(t.cross(rotation * line1.direction));
+    slope2 += slope * slope, product += slope * constant, constant2 += constant * constant;
+  }
+  const double length = central ? 1 : -product / slope2;
+  Candidate candidate{constant2 + length * (2 * product + length * slope2), {direction.rotation, length * t}};
+  if (!(length >= 0) || !std::isfinite(length)) candidate.cost = std::numeric_limits<double>::infinity();
+  return candidate;
+}
+
+}  // namespace
+
+PlessRow pless_row(const Ray& ray0, const Ray& ray1) {
+  return pless_row(plucker_line(ray0), plucker_line(ray1));
 }
 
 Eigen::Matrix<double, 18, Eigen::Dynamic> exact_pless_solutions(const RayClass& ray_class) {
@@ -114,50 +179,18 @@ int seventeen_point(std::span<const Ray> rays0, std::span<const Ray> rays1, cons
   if (rays0.size() < 17 || rays0.size() != rays1.size()) return 0;
   const bool central = ray_class.centres == CentreClass::kCentral;
   const double unit = central ? 1 : ray_class.spread;
-  const auto centred = [&](const Ray& ray) {
-    return Ray{(ray.origin - ray_class.centre) / unit, ray.direction};
-  };
-  std::array<Matrix3d, 9> storage;
-  const std::span<const Matrix3d> parts(storage.data(), exact_rotation_parts(ray_class, &storage));
-  Matrix18d normal = Matrix18d::Zero();
-  for (size_t i = 0; i < rays0.size(); ++i) {
-    const PlessRow row = pless_row(centred(rays0[i]), centred(rays1[i]));
-    normal.selfadjointView<Eigen::Lower>().rankUpdate(row.transpose());
-  }
-  normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
-  if (!normal.allFinite()) return 0;
-  const Basis18 basis = complement(parts);
-  const Vector18d x = basis * least_vector(basis.transpose() * normal * basis);
-
-  // The exact solutions change R~ alone in this frame, so that E~ is known as it is.
-  Matrix3d essential = Eigen::Map<const Matrix3d>(x.data() + 9);
-  const double size = essential.norm();
-  if (!(size > 1e-12)) return 0;
-  essential *= std::sqrt(2.0) / size;
-  const std::array<Rigid3, 4> candidates = decompose_essential(essential);
-  std::array<std::pair<double, int>, 4> order;
-  std::array<Rigid3, 4> poses;  // rig0_from_rig1 about the centre
-  for (int k = 0; k < 4; ++k) {
-    const Matrix3d rotation = candidates[k].rotation.toRotationMatrix();
-    const Vector3d t = candidates[k].translation;
-    double slope2 = 0, product = 0, constant2 = 0;
-    for (size_t i = 0; i < rays0.size(); ++i) {
-      const PluckerLine line0 = plucker_line(centred(rays0[i])), line1 = plucker_line(centred(rays1[i]));
-      const double constant = pless_residual(rotation, Vector3d::Zero(), line0, line1);
-      const double slope = -line0.direction.dot(t.cross(rotation * line1.direction));
-      slope2 += slope * slope, product += slope * constant, constant2 += constant * constant;
-    }
-    const double scale = central ? 1 : -product / slope2;
-    poses[k] = {candidates[k].rotation, scale * t};
-    // Decompositions with t and -t are the same pose once the scale is free: the positive one stays.
-    order[k] = {constant2 + scale * (2 * product + scale * slope2), k};
-    if (!(scale >= 0) || !std::isfinite(scale)) order[k].first = std::numeric_limits<double>::infinity();
-  }
-  std::sort(order.begin(), order.end());
+  const CentredLines lines(rays0, rays1, ray_class.centre, unit);
+  Matrix3d essential;
+  if (!find_essential(lines, ray_class, &essential)) return 0;
+  std::array<Candidate, 4> candidates;
+  const std::array<Rigid3, 4> directions = decompose_essential(essential);
+  for (int k = 0; k < 4; ++k) candidates[k] = scaled(directions[k], lines, central);
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.cost < b.cost; });
   int count = 0;
-  for (const auto& [cost, k] : order) {
-    if (!std::isfinite(cost)) continue;
-    Rigid3 rig0_from_rig1 = poses[k];
+  for (const Candidate& candidate : candidates) {
+    if (!std::isfinite(candidate.cost)) continue;
+    Rigid3 rig0_from_rig1 = candidate.pose;
     const Vector3d& c = ray_class.centre;
     rig0_from_rig1.translation = unit * rig0_from_rig1.translation + c - rig0_from_rig1.rotation * c;
     (*rig1_from_rig0)[count++] = rig0_from_rig1.inverse();

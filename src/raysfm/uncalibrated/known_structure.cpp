@@ -7,6 +7,7 @@
 
 #include "raysfm/uncalibrated/known_structure_problem.h"
 #include "raysfm/uncalibrated/known_structure_start.h"
+#include "raysfm/uncalibrated/lens_choice.h"
 
 namespace raysfm {
 namespace {
@@ -14,17 +15,8 @@ namespace {
 constexpr int kRounds = 5;                   // of adjustment and judgement
 constexpr double kMaxKnownFocalSigma = 0.3;  // of the focal length, of a lens that is determined
 
-struct KnownSolution {
-  UncalibratedReconstruction found;
-  double cost = std::numeric_limits<double>::infinity();  // squared errors, each at most the largest allowed
-  int lens_numbers = 0;
-};
-
 double squared_error(const PointTracks& tracks, const UncalibratedReconstruction& r, int k) {
-  const Eigen::Vector3d x = r.scene.cam_from_world[tracks.image[k]] * r.scene.points[tracks.point[k]];
-  if (!(x.z() > 0)) return std::numeric_limits<double>::infinity();
-  const Eigen::Vector2d m = r.radial(x.hnormalized());
-  return (r.scene.lenses[tracks.image[k]].pixel(m) - tracks.pixel[k]).squaredNorm();
+  return pixel_residual(tracks, r.scene, r.radial, k).squaredNorm();
 }
 
 // Of the observations of images with a pose: which agree; an image without enough of them loses its pose.
@@ -99,19 +91,18 @@ bool adjust(const PointTracks& tracks, const LensConstraints& constraints, const
   return true;
 }
 
-void finish(const PointTracks& tracks, KnownSolution* solution) {
-  UncalibratedReconstruction& r = solution->found;
+// The figures of what agrees, and whether most lenses are determined.
+void finish(const PointTracks& tracks, UncalibratedReconstruction* result) {
+  UncalibratedReconstruction& r = *result;
   r.lens_sigma.resize(tracks.image_count);
   r.point_placed.assign(tracks.point_count, 0);
-  double sum = 0;
   int count = 0;
   for (int k = 0; k < tracks.size(); ++k) {
     if (!r.inlier[k]) continue;
     r.point_placed[tracks.point[k]] = 1;
-    sum += squared_error(tracks, r, k);
     ++count;
   }
-  r.rms_px = count > 0 ? std::sqrt(sum / count) : 0;
+  r.rms_px = rms_error(tracks, r.scene, r.radial, r.inlier);
   r.start_inliers = count;
   r.adjustment.rms_px = r.rms_px;
   r.adjustment.used = count;
@@ -125,8 +116,9 @@ void finish(const PointTracks& tracks, KnownSolution* solution) {
   if (2 * determined <= posed) r.degenerate = "known points at one depth";
 }
 
-Result<KnownSolution> solve_lens(const PointTracks& tracks, std::span<const Eigen::Vector3d> points,
-                                 const SolveOptions& options, bool equal) {
+Result<UncalibratedReconstruction> solve_lens(const PointTracks& tracks,
+                                              std::span<const Eigen::Vector3d> points,
+                                              const SolveOptions& options, bool equal) {
   constexpr double kStartError = 5;  // times the largest allowed
   auto start = known_structure_start(tracks, points,
                                      {.max_error_px = kStartError * options.max_error_px,
@@ -134,13 +126,13 @@ Result<KnownSolution> solve_lens(const PointTracks& tracks, std::span<const Eige
                                       .seed = options.seed,
                                       .equal_lenses = equal});
   if (!start) return no_reconstruction("known structure: its points lie on a line");
-  KnownSolution solution;
-  UncalibratedReconstruction& r = solution.found;
+  UncalibratedReconstruction r;
   r.scene = std::move(start->scene);
   r.image_posed = std::move(start->image_posed);
   r.inlier = std::move(start->inlier);
   r.world_is_given = true;
   r.zooming = !equal;
+  r.lens_evidence = "as asked for";
   const LensConstraints constraints = constraints_for(tracks, options, equal);
   const RobustLoss loss{RobustLoss::Kind::kHuber, options.max_error_px / 2};
   bool agrees = true;
@@ -152,29 +144,8 @@ Result<KnownSolution> solve_lens(const PointTracks& tracks, std::span<const Eige
     return no_reconstruction("known structure: no image agrees with it in " +
                              std::to_string(kMinKnownPoints) + " points");
   }
-  finish(tracks, &solution);
-  const double limit = options.max_error_px * options.max_error_px;
-  solution.cost = 0;
-  for (int k = 0; k < tracks.size(); ++k) {
-    solution.cost += r.inlier[k] ? squared_error(tracks, r, k) : limit;
-  }
-  return solution;
-}
-
-// Zooming when a lens for each image lowers the sum of squares by more than its numbers do on their own
-// (Bayesian information criterion).
-void choose(const PointTracks& tracks, KnownSolution* fixed, KnownSolution* zoom) {
-  const double images =
-      static_cast<double>(std::count(zoom->found.image_posed.begin(), zoom->found.image_posed.end(), 1));
-  const double freedom = std::max(1.0, 2.0 * tracks.size() - 9 * images);
-  const double gain = (fixed->cost - zoom->cost) / std::max(zoom->cost / freedom, 1e-12);
-  const bool zooming = gain > 3 * std::max(1.0, images - 1) * std::log(2.0 * tracks.size());
-  const std::string evidence = "rms " + std::to_string(std::sqrt(fixed->cost / tracks.size())) +
-                               " px with one lens, " + std::to_string(std::sqrt(zoom->cost / tracks.size())) +
-                               " px with one for each image: " + (zooming ? "more than" : "not more than") +
-                               " the added numbers explain";
-  fixed->found.lens_evidence = zoom->found.lens_evidence = evidence;
-  if (zooming) std::swap(*fixed, *zoom);
+  finish(tracks, &r);
+  return r;
 }
 
 }  // namespace
@@ -193,21 +164,11 @@ Result<UncalibratedReconstruction> reconstruct_known(const PointTracks& tracks,
     }
   }
   if (options.lens != LensChange::kAuto) {
-    auto solution = solve_lens(tracks, points, options, options.lens == LensChange::kFixed);
-    if (!solution) return solution.error();
-    solution->found.lens_evidence = "as asked for";
-    return std::move(solution->found);
+    return solve_lens(tracks, points, options, options.lens == LensChange::kFixed);
   }
-  auto fixed = solve_lens(tracks, points, options, true);
-  auto zoom = solve_lens(tracks, points, options, false);
-  if (!fixed && !zoom) return fixed.error();
-  if (fixed && zoom) choose(tracks, &*fixed, &*zoom);
-  auto& chosen = fixed ? fixed : zoom;
-  if (chosen->found.lens_evidence.empty()) {
-    chosen->found.lens_evidence =
-        std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens");
-  }
-  return std::move(chosen->found);
+  const std::vector<uint8_t> all(tracks.image_count, 1);
+  return choose_lens(tracks, all, solve_lens(tracks, points, options, true),
+                     solve_lens(tracks, points, options, false), options.max_error_px, ErrorRelation::kNone);
 }
 
 }  // namespace raysfm

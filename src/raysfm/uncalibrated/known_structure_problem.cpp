@@ -170,8 +170,9 @@ LmTrial KnownStructureProblem::evaluate(bool linearize) {
                          state_.distortion.k2 + shared_step_[own + 1]};
   }
   trial_cost_ = cost(trial_);
-  if (linearize && trial_cost_ <= cost_) normal_equations(trial_);
-  return {cost_, trial_cost_};
+  const bool there = linearize && trial_cost_ <= cost_;
+  if (there) normal_equations(trial_);
+  return {cost_, trial_cost_, there};
 }
 
 void KnownStructureProblem::accept() {

@@ -1,15 +1,12 @@
 #include "raysfm/uncalibrated/known_structure_start.h"
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <array>
 #include <cmath>
 
+#include "raysfm/core/median.h"
 #include "raysfm/projective/absolute_quadric.h"
-#include "raysfm/projective/eight_point.h"
-#include "raysfm/projective/projective_resection.h"
+#include "raysfm/projective/view_estimator.h"
 #include "raysfm/projective/view_pair.h"
-#include "raysfm/robust/ransac.h"
 #include "raysfm/uncalibrated/known_structure.h"
 
 namespace raysfm {
@@ -45,73 +42,6 @@ Frame principal_frame(std::span<const Eigen::Vector3d> points) {
   frame.line = !(extent[1] > kThin * extent[2]);
   return frame;
 }
-
-// A 3x4 map from points of the frame to pixels; for points of a plane its third column is 0.
-class MapEstimator {
- public:
-  using Model = Matrix34d;
-  static constexpr int kSampleSize = 6, kMaxModels = 1;
-
-  MapEstimator(const std::vector<Eigen::Vector3d>& points, const std::vector<Eigen::Vector2d>& pixels,
-               bool planar, double max_error)
-      : points_(points), pixels_(pixels), planar_(planar), max_error2_(max_error * max_error) {}
-
-  int size() const { return static_cast<int>(points_.size()); }
-  bool sample(Rng& rng, std::array<int, kSampleSize>* sample) const {
-    draw_sample(rng, size(), sample);
-    return true;
-  }
-  int generate(const std::array<int, kSampleSize>& sample, std::array<Model, kMaxModels>* models) {
-    return fit(sample, models->data()) ? 1 : 0;
-  }
-  double error2(const Model& model, int i) const {
-    return ((model * points_[i].homogeneous()).hnormalized() - pixels_[i]).squaredNorm();
-  }
-  RansacScore score(const Model& model, double limit) const {
-    RansacScore score{.cost = 0, .inliers = 0};
-    for (int i = 0; i < size(); ++i) {
-      const double share = error2(model, i) / max_error2_;
-      score.inliers += share < 1;
-      score.cost += share < 1 ? share : 1.0;
-      if (score.cost > limit) return {};
-    }
-    return score;
-  }
-  void refine(Model* model) {
-    for (int round = 0; round < 3; ++round) {
-      kept_.clear();
-      for (int i = 0; i < size(); ++i) {
-        if (error2(*model, i) < max_error2_) kept_.push_back(i);
-      }
-      Model better;
-      if (!fit(kept_, &better)) return;
-      *model = better;
-    }
-  }
-
- private:
-  bool fit(std::span<const int> chosen, Model* model) {
-    in_plane_.clear(), in_space_.clear(), seen_.clear();
-    for (const int i : chosen) {
-      in_plane_.emplace_back(points_[i].head<2>());
-      in_space_.emplace_back(points_[i].homogeneous());
-      seen_.push_back(pixels_[i]);
-    }
-    if (!planar_) return view_from_points(in_space_, seen_, model);
-    Eigen::Matrix3d homography;
-    if (!homography_from_points(in_plane_, seen_, &homography)) return false;
-    *model << homography.col(0), homography.col(1), Eigen::Vector3d::Zero(), homography.col(2);
-    return true;
-  }
-
-  const std::vector<Eigen::Vector3d>& points_;
-  const std::vector<Eigen::Vector2d>& pixels_;
-  const bool planar_;
-  const double max_error2_;
-  std::vector<int> kept_;
-  std::vector<Eigen::Vector2d> in_plane_, seen_;
-  std::vector<Eigen::Vector4d> in_space_;
-};
 
 // Sums of the conditions on 1/f^2 that the images of two right angles of a plane are (Zhang 2000, equations 3
 // and 4).
@@ -152,8 +82,7 @@ std::vector<double> focal_lengths(const std::vector<Matrix34d>& maps, const std:
     focal[j] = usable(planar ? own.focal() : view_focal(maps[j]), 0);
     if (focal[j] > 0) found.push_back(focal[j]);
   }
-  std::sort(found.begin(), found.end());
-  const double median = found.empty() ? kUsualFocal : found[found.size() / 2];
+  const double median = found.empty() ? kUsualFocal : median_of(&found);
   const double common = usable(planar ? all.focal() : median, median);
   for (double& f : focal) f = equal || f == 0 ? common : f;
   return focal;
@@ -186,13 +115,14 @@ std::optional<KnownStructureStart> known_structure_start(const PointTracks& trac
   start.inlier.assign(tracks.size(), 0);
   std::vector<Matrix34d> maps(tracks.image_count, Matrix34d::Zero());
   for (int j = 0; j < tracks.image_count; ++j) {
-    std::vector<Eigen::Vector3d> in_frame;
+    std::vector<Eigen::Vector4d> in_frame;
     std::vector<Eigen::Vector2d> pixels;
     for (const int* k = observations.begin(j); k != observations.end(j); ++k) {
-      in_frame.push_back(frame.frame_from_world * points[tracks.point[*k]] / frame.scale);
+      const Eigen::Vector3d x = frame.frame_from_world * points[tracks.point[*k]] / frame.scale;
+      in_frame.push_back(x.homogeneous());
       pixels.push_back((tracks.pixel[*k] - tracks.centre()) / unit);
     }
-    MapEstimator estimator(in_frame, pixels, frame.planar, options.max_error_px / unit);
+    ViewEstimator estimator(in_frame, pixels, frame.planar, options.max_error_px / unit);
     const RansacReport report = ransac(
         estimator,
         {.max_iterations = options.max_samples, .seed = options.seed, .stream = static_cast<uint64_t>(j)},

@@ -7,6 +7,7 @@
 #include "raysfm/projective/absolute_quadric.h"
 #include "raysfm/projective/degeneracy.h"
 #include "raysfm/projective/projective_start.h"
+#include "raysfm/uncalibrated/lens_choice.h"
 
 namespace raysfm {
 namespace {
@@ -104,9 +105,7 @@ std::vector<uint8_t> judge(const PointTracks& tracks, const UncalibratedScene& s
   for (int k = 0; k < tracks.size(); ++k) {
     const int image = tracks.image[k], point = tracks.point[k];
     if (!posed[image] || !placed[point]) continue;
-    const Eigen::Vector3d x = scene.cam_from_world[image] * scene.points[point];
-    if (!(x.z() > 0)) continue;
-    inlier[k] = (scene.lenses[image].pixel(x.hnormalized()) - tracks.pixel[k]).norm() < max_error;
+    inlier[k] = pixel_residual(tracks, scene, {}, k).norm() < max_error;
   }
   return inlier;
 }
@@ -155,48 +154,12 @@ Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart&
   return best;
 }
 
-// Sum of squared errors of the observations marked, each at most the largest allowed.
-double truncated_cost(const PointTracks& tracks, const UncalibratedScene& scene,
-                      const std::vector<uint8_t>& marked, double max_error) {
-  double sum = 0;
-  for (int k = 0; k < tracks.size(); ++k) {
-    if (!marked[k]) continue;
-    const Eigen::Vector3d x = scene.cam_from_world[tracks.image[k]] * scene.points[tracks.point[k]];
-    const Lens& lens = scene.lenses[tracks.image[k]];
-    const double error2 =
-        x.z() > 0 ? (lens.pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm() : INFINITY;
-    sum += std::min(error2, max_error * max_error);
-  }
-  return sum;
-}
-
-// Zooming when one lens for each image lowers the sum of squares, in units of the variance of the residuals,
-// by four standard deviations more than as many superfluous numbers would (chi-squared).
-struct LensChoice {
-  bool zooming;
-  std::string evidence;
-};
-LensChoice choose(const PointTracks& tracks, const Solution& fixed, const Solution& zoom, int images,
-                  int points, double max_error) {
-  std::vector<uint8_t> marked = fixed.inlier;
-  for (size_t k = 0; k < marked.size(); ++k) marked[k] |= zoom.inlier[k];
-  const double count = static_cast<double>(std::count(marked.begin(), marked.end(), 1));
-  const double of_fixed = truncated_cost(tracks, fixed.scene, marked, max_error);
-  const double of_zoom = truncated_cost(tracks, zoom.scene, marked, max_error);
-  const double freedom = std::max(1.0, 2 * count - 9.0 * images - 3.0 * points + 7);
-  const double added = 3.0 * (images - 1);
-  const double gain = (of_fixed - of_zoom) / std::max(of_zoom / freedom, 1e-12);
-  const bool zooming = gain > added + 4 * std::sqrt(2 * added);
-  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / count)); };
-  return {zooming, "rms " + rms(of_fixed) + " px with one lens, " + rms(of_zoom) +
-                       " px with one for each image: " + (zooming ? "more than" : "not more than") +
-                       " the added numbers explain"};
-}
-
-void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solution,
-          UncalibratedReconstruction* result) {
-  result->image_posed.assign(tracks.image_count, 0);
-  result->point_placed.assign(tracks.point_count, 0);
+// What the inliers of images and points that have enough of them say.
+UncalibratedReconstruction filled(const PointTracks& tracks, const ProjectiveStart& start,
+                                  Solution solution) {
+  UncalibratedReconstruction result;
+  result.image_posed.assign(tracks.image_count, 0);
+  result.point_placed.assign(tracks.point_count, 0);
   std::vector<int> in_image(tracks.image_count, 0), of_point(tracks.point_count, 0);
   std::vector<int> seen(tracks.point_count, 0);
   for (int k = 0; k < tracks.size(); ++k) {
@@ -204,27 +167,21 @@ void fill(const PointTracks& tracks, const ProjectiveStart& start, Solution solu
     of_point[tracks.point[k]] += solution.inlier[k];
     seen[tracks.point[k]] += start.image_posed[tracks.image[k]];
   }
-  for (int j = 0; j < tracks.image_count; ++j) result->image_posed[j] = in_image[j] >= kMinPointsPerImage;
+  for (int j = 0; j < tracks.image_count; ++j) result.image_posed[j] = in_image[j] >= kMinPointsPerImage;
   for (int i = 0; i < tracks.point_count; ++i) {
-    result->point_placed[i] = of_point[i] >= 2 && 2 * of_point[i] > seen[i];
+    result.point_placed[i] = of_point[i] >= 2 && 2 * of_point[i] > seen[i];
   }
-  double sum = 0;
-  int count = 0;
   for (int k = 0; k < tracks.size(); ++k) {
-    const int image = tracks.image[k], point = tracks.point[k];
-    solution.inlier[k] &= result->image_posed[image] & result->point_placed[point];
-    if (!solution.inlier[k]) continue;
-    const Eigen::Vector3d x = solution.scene.cam_from_world[image] * solution.scene.points[point];
-    sum += (solution.scene.lenses[image].pixel(x.hnormalized()) - tracks.pixel[k]).squaredNorm();
-    ++count;
+    solution.inlier[k] &= result.image_posed[tracks.image[k]] & result.point_placed[tracks.point[k]];
   }
-  result->rms_px = count > 0 ? std::sqrt(sum / count) : 0;
-  result->scene = std::move(solution.scene);
-  result->inlier = std::move(solution.inlier);
-  result->lens_sigma = solution.summary.lens_sigma;
-  result->adjustment = std::move(solution.summary);
-  std::copy_n(start.images, 2, result->start_images);
-  result->start_inliers = start.pair_inliers;
+  result.rms_px = rms_error(tracks, solution.scene, {}, solution.inlier);
+  result.scene = std::move(solution.scene);
+  result.inlier = std::move(solution.inlier);
+  result.lens_sigma = solution.summary.lens_sigma;
+  result.adjustment = std::move(solution.summary);
+  std::copy_n(start.images, 2, result.start_images);
+  result.start_inliers = start.pair_inliers;
+  return result;
 }
 
 Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, const SolveOptions& options) {
@@ -276,32 +233,21 @@ Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const 
   const Units units(tracks);
   const auto start = start_of(tracks, units, options);
   if (!start) return start.error();
-  const int posed = static_cast<int>(std::count(start->image_posed.begin(), start->image_posed.end(), 1));
-  const int placed = static_cast<int>(std::count(start->point_placed.begin(), start->point_placed.end(), 1));
-  UncalibratedReconstruction result;
-  if (options.lens == LensChange::kAuto) {
-    auto fixed = best_solution(tracks, *start, units, options, true);
-    auto zoom = best_solution(tracks, *start, units, options, false);
-    if (!fixed && !zoom) return fixed.error();
-    if (fixed && zoom) {
-      const LensChoice choice = choose(tracks, *fixed, *zoom, posed, placed, options.max_error_px);
-      result.zooming = choice.zooming;
-      result.lens_evidence = choice.evidence;
-    } else {
-      result.zooming = !fixed;
-      result.lens_evidence =
-          std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens");
-    }
-    fill(tracks, *start, std::move(result.zooming ? *zoom : *fixed), &result);
-  } else {
-    result.zooming = options.lens == LensChange::kZoom;
-    result.lens_evidence = "as asked for";
-    auto solution = best_solution(tracks, *start, units, options, !result.zooming);
+  const auto solved = [&](bool equal) -> Result<UncalibratedReconstruction> {
+    auto solution = best_solution(tracks, *start, units, options, equal);
     if (!solution) return solution.error();
-    fill(tracks, *start, std::move(*solution), &result);
-  }
-  result.degenerate =
-      name_degeneracy(result.scene, result.image_posed, result.point_placed, result.lens_sigma);
+    UncalibratedReconstruction result = filled(tracks, *start, std::move(*solution));
+    result.zooming = !equal;
+    result.lens_evidence = "as asked for";
+    return result;
+  };
+  const std::vector<uint8_t> all(tracks.image_count, 1);
+  auto result = options.lens == LensChange::kAuto ? choose_lens(tracks, all, solved(true), solved(false),
+                                                                options.max_error_px, ErrorRelation::kNone)
+                                                  : solved(options.lens == LensChange::kFixed);
+  if (!result) return result;
+  result->degenerate =
+      name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
   return result;
 }
 

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <limits>
 
+#include "raysfm/geometry/interpolation.h"
 #include "raysfm/geometry/triangulation.h"
+#include "raysfm/uncalibrated/lens_choice.h"
 
 namespace raysfm {
 namespace {
@@ -24,15 +26,6 @@ constexpr double kBetweenPrincipalPoint = 0.003;
 
 Lens between(const Lens& a, const Lens& b, double share) {
   return Lens::from_vector((1 - share) * a.vector() + share * b.vector());
-}
-
-// Straight way of the centre, constant turn.
-Rigid3 between(const Rigid3& a, const Rigid3& b, double share) {
-  const Rigid3 world_from_a = a.inverse(), world_from_b = b.inverse();
-  Rigid3 world_from_cam;
-  world_from_cam.rotation = world_from_a.rotation.slerp(share, world_from_b.rotation);
-  world_from_cam.translation = (1 - share) * world_from_a.translation + share * world_from_b.translation;
-  return world_from_cam.inverse();
 }
 
 // The nearest posed key frame in the direction of `step`, -1 without one.
@@ -129,20 +122,17 @@ bool VideoGrowth::place(int point) {
     if (!result_.image_posed[image]) continue;
     const Lens& lens = result_.scene.lenses[image];
     const Rigid3 world_from_cam = result_.scene.cam_from_world[image].inverse();
-    const double y = (tracks_.pixel[k].y() - lens.cy) / lens.fy;
-    const double x = (tracks_.pixel[k].x() - lens.cx - lens.skew * y) / lens.fx;
-    rays.push_back(
-        {world_from_cam.translation, (world_from_cam.rotation * Eigen::Vector3d(x, y, 1)).normalized()});
+    const Eigen::Vector3d direction = lens.normalised(tracks_.pixel[k]).homogeneous();
+    rays.push_back({world_from_cam.translation, (world_from_cam.rotation * direction).normalized()});
   }
   Triangulation found;
   if (rays.size() < 2 || !triangulate(rays, &found) || found.parallax < kMinStepParallax) return false;
   for (const int k : of_point_[point]) {
     const int image = tracks_.image[k];
     if (!result_.image_posed[image]) continue;
-    const Eigen::Vector3d x = result_.scene.cam_from_world[image] * found.point;
-    if (!(x.z() > 0)) return false;
-    const Eigen::Vector2d pixel = result_.scene.lenses[image].pixel(x.hnormalized());
-    if (!((pixel - tracks_.pixel[k]).norm() < options_.max_error_px)) return false;
+    const Eigen::Vector2d r = pixel_residual(result_.scene.cam_from_world[image], result_.scene.lenses[image],
+                                             {}, found.point, tracks_.pixel[k]);
+    if (!(r.norm() < options_.max_error_px)) return false;
   }
   result_.scene.points[point] = found.point;
   return true;
@@ -163,15 +153,6 @@ void VideoGrowth::place_points_in(int image) {
   }
 }
 
-// Predicted minus observed; not finite where the point is not in front.
-Eigen::Vector2d VideoGrowth::residual(int observation) const {
-  const int image = tracks_.image[observation];
-  const Eigen::Vector3d x =
-      result_.scene.cam_from_world[image] * result_.scene.points[tracks_.point[observation]];
-  if (!(x.z() > 0)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  return result_.scene.lenses[image].pixel(x.hnormalized()) - tracks_.pixel[observation];
-}
-
 // Judges the observations in key frames; a point without two inliers or with more outliers is given up.
 void VideoGrowth::judge(int point) {
   int good = 0, seen = 0;
@@ -180,7 +161,7 @@ void VideoGrowth::judge(int point) {
     if (!result_.image_posed[tracks_.image[k]]) continue;
     ++seen;
     if (!result_.point_placed[point]) continue;
-    result_.inlier[k] = residual(k).norm() < options_.max_error_px;
+    result_.inlier[k] = pixel_residual(tracks_, result_.scene, {}, k).norm() < options_.max_error_px;
     good += result_.inlier[k];
   }
   if (good >= 2 && 2 * good > seen) return;
@@ -231,7 +212,8 @@ std::vector<double> VideoGrowth::robust_weights() const {
   const RobustLoss loss = adjustment_options().loss;
   std::vector<double> weights;
   for (const int k : original_) {
-    weights.push_back(result_.inlier[k] ? loss.weight(residual(k).squaredNorm()) : 0);
+    const double square = pixel_residual(tracks_, result_.scene, {}, k).squaredNorm();
+    weights.push_back(result_.inlier[k] ? loss.weight(square) : 0);
   }
   return weights;
 }
@@ -283,17 +265,6 @@ void VideoGrowth::widen_sigma(ThreadPool* pool) {
   }
 }
 
-void VideoGrowth::measure() {
-  double sum = 0;
-  int count = 0;
-  for (const int k : original_) {
-    if (!result_.inlier[k]) continue;
-    sum += residual(k).squaredNorm();
-    ++count;
-  }
-  result_.rms_px = count > 0 ? std::sqrt(sum / count) : 0;
-}
-
 Result<void> VideoGrowth::grow(const GrowthControl& control) {
   result_.lens_sigma.assign(tracks_.image_count,
                             LensVector::Constant(std::numeric_limits<double>::infinity()));
@@ -320,7 +291,7 @@ Result<void> VideoGrowth::grow(const GrowthControl& control) {
 Result<void> VideoGrowth::finish() {
   place_points();
   if (auto r = adjust(true); !r) return r;
-  measure();
+  result_.rms_px = rms_error(tracks_, result_.scene, {}, result_.inlier);
   return {};
 }
 
@@ -338,7 +309,7 @@ void pose_between(const PointTracks& tracks, std::span<const uint8_t> keyframe, 
     const int from = a < 0 ? b : a, to = b < 0 ? a : b;
     const double share = from == to ? 0 : double(j - from) / (to - from);
     const UncalibratedScene& scene = result->scene;
-    const Rigid3 near_pose = between(scene.cam_from_world[from], scene.cam_from_world[to], share);
+    const Rigid3 near_pose = interpolate(scene.cam_from_world[from], scene.cam_from_world[to], share);
     const Lens near_lens = between(scene.lenses[from], scene.lenses[to], share);
     const bool posed = pose_image(tracks, of_image[j], near_pose, near_lens, sigma, options, j, result);
     if (!posed) return;

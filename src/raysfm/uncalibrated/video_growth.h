@@ -52,9 +52,7 @@ class VideoGrowth {
   LensAdjustmentOptions adjustment_options() const;
   std::vector<double> robust_weights() const;
   std::vector<int> groups_by_birth() const;
-  Eigen::Vector2d residual(int observation) const;
   Result<void> adjust(bool last);
-  void measure();
 
   const PointTracks& tracks_;
   const std::span<const uint8_t> keyframe_;

@@ -76,10 +76,8 @@ PointTracks without_distortion(const PointTracks& tracks, std::span<const Lens> 
   for (int k = 0; k < tracks.size(); ++k) {
     if ((*weights)[k] == 0) continue;
     const Lens& lens = lenses[tracks.image[k]];
-    const double y = (tracks.pixel[k].y() - lens.cy) / lens.fy;
-    const Eigen::Vector2d m((tracks.pixel[k].x() - lens.cx - lens.skew * y) / lens.fx, y);
     Eigen::Vector2d undistorted;
-    if (!undistort(radial, m, &undistorted)) {
+    if (!undistort(radial, lens.normalised(tracks.pixel[k]), &undistorted)) {
       (*weights)[k] = 0;
       continue;
     }

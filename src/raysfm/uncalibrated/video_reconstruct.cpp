@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <mutex>
 #include <optional>
 
 #include "raysfm/core/median.h"
 #include "raysfm/projective/degeneracy.h"
 #include "raysfm/projective/video_motion.h"
+#include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/video_growth.h"
 #include "raysfm/uncalibrated/video_radial.h"
 
@@ -199,75 +199,6 @@ Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<co
   return result;
 }
 
-// Of the observations in key frames that either reconstruction explains.
-struct Comparison {
-  double fixed = 0, zoom = 0;  // sums of squared errors, each at most the largest allowed
-  int observations = 0, images = 0, points = 0;
-};
-
-Comparison compare(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                   const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom,
-                   double max_error) {
-  Comparison c;
-  const auto square = [&](const UncalibratedReconstruction& r, int k) {
-    if (!r.inlier[k]) return max_error * max_error;
-    const Eigen::Vector3d x = r.scene.cam_from_world[tracks.image[k]] * r.scene.points[tracks.point[k]];
-    const Eigen::Vector2d m = r.radial(x.hnormalized());
-    return (r.scene.lenses[tracks.image[k]].pixel(m) - tracks.pixel[k]).squaredNorm();
-  };
-  for (int k = 0; k < tracks.size(); ++k) {
-    if (!keyframe[tracks.image[k]] || !(fixed.inlier[k] || zoom.inlier[k])) continue;
-    // What only one reached says nothing of the lens.
-    if (!fixed.image_posed[tracks.image[k]] || !zoom.image_posed[tracks.image[k]]) continue;
-    if (!fixed.point_placed[tracks.point[k]] || !zoom.point_placed[tracks.point[k]]) continue;
-    c.fixed += square(fixed, k);
-    c.zoom += square(zoom, k);
-    ++c.observations;
-  }
-  for (int j = 0; j < tracks.image_count; ++j) {
-    c.images += keyframe[j] && fixed.image_posed[j] && zoom.image_posed[j];
-  }
-  for (int i = 0; i < tracks.point_count; ++i) c.points += fixed.point_placed[i] && zoom.point_placed[i];
-  return c;
-}
-
-// Standard deviation of the logarithm of the focal length over the key frames.
-double focal_spread(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                    const UncalibratedReconstruction& r) {
-  double sum = 0, square = 0;
-  int count = 0;
-  for (int j = 0; j < tracks.image_count; ++j) {
-    if (!keyframe[j] || !r.image_posed[j]) continue;
-    const double log_focal = std::log(r.scene.lenses[j].fx);
-    sum += log_focal, square += log_focal * log_focal, ++count;
-  }
-  return count > 0 ? std::sqrt(std::max(0.0, square / count - std::pow(sum / count, 2))) : 0;
-}
-
-// A lens for each image adds three numbers to each. They must lower the cost by more than the Bayesian
-// information criterion asks for; and as they also take up errors that are alike along a track, the focal
-// length must change by more than such errors bring about, or the residuals fall by what they cannot.
-bool zooms(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-           const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom, double max_error,
-           std::string* evidence) {
-  constexpr double kLeastSpread = 0.01, kSureSpread = 0.03, kSureRatio = 1.15;
-  const Comparison c = compare(tracks, keyframe, fixed, zoom, max_error);
-  const double freedom = std::max(1.0, 2.0 * c.observations - 9.0 * c.images - 3.0 * c.points + 7);
-  const double gain = (c.fixed - c.zoom) / std::max(c.zoom / freedom, 1e-12);
-  const double needed = 3.0 * std::max(1, c.images - 1) * std::log(std::max(2, 2 * c.observations));
-  const double spread = focal_spread(tracks, keyframe, zoom);
-  const double ratio = std::sqrt(c.fixed / std::max(c.zoom, 1e-12));
-  const bool zooming = gain > needed && spread > kLeastSpread && (spread > kSureSpread || ratio > kSureRatio);
-  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
-  *evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
-              " px with one for each image over the same observations: " + std::to_string(gain) +
-              " variances less, more than " + std::to_string(needed) +
-              " mean zooming where the focal length changes by more than 3 %, or by 1 % and the rms falls by "
-              "a seventh; it changes by " +
-              std::to_string(100 * spread) + " %";
-  return zooming;
-}
-
 // The same video with one lens and with a lens for each image, side by side, and which of them it is.
 Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                                               const SolveOptions& options, const VideoOptions& video,
@@ -286,18 +217,8 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
     };
     found[i] = build(tracks, keyframe, own, video.radial, {progress, video.stop});
   });
-  auto &fixed = found[0], &zoom = found[1];
-  if (!fixed && !zoom) return fixed;
-  std::string evidence;
-  bool zooming = !fixed;
-  if (fixed && zoom) {
-    zooming = zooms(tracks, keyframe, *fixed, *zoom, options.max_error_px, &evidence);
-  } else {
-    evidence = std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens");
-  }
-  auto& chosen = zooming ? zoom : fixed;
-  chosen->lens_evidence = evidence;
-  return std::move(chosen);
+  return choose_lens(tracks, keyframe, std::move(found[0]), std::move(found[1]), options.max_error_px,
+                     ErrorRelation::kAlongTracks);
 }
 
 Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::span<const uint8_t> keyframe,

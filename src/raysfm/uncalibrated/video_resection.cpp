@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/lenses/uncalibrated_scene.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/robust_loss.h"
 #include "raysfm/robust/absolute_pose.h"
@@ -58,7 +59,7 @@ class LensPoseProblem {
     Vector9d gradient = Vector9d::Zero();
     const double after = cost(trial_pose_, trial_lens_, &hessian, &gradient);
     hessian_ = hessian, gradient_ = gradient;
-    return {before, after};
+    return {before, after, true};
   }
   void accept() { pose_ = trial_pose_, lens_ = trial_lens_; }
 
@@ -113,9 +114,8 @@ void judge(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vecto
   result->inlier.assign(points.size(), 0);
   result->inlier_count = 0;
   for (size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d x = result->cam_from_world * points[i];
-    if (!(x.z() > 0)) continue;
-    result->inlier[i] = (result->lens.pixel(x.hnormalized()) - pixels[i]).norm() < max_error;
+    const Eigen::Vector2d r = pixel_residual(result->cam_from_world, result->lens, {}, points[i], pixels[i]);
+    result->inlier[i] = r.norm() < max_error;
     result->inlier_count += result->inlier[i];
   }
 }
@@ -139,8 +139,7 @@ void refine(std::span<const Eigen::Vector3d> points, std::span<const Eigen::Vect
   double square = 0;
   for (size_t i = 0; i < points.size(); ++i) {
     if (!result->inlier[i]) continue;
-    const Eigen::Vector3d x = result->cam_from_world * points[i];
-    square += (result->lens.pixel(x.hnormalized()) - pixels[i]).squaredNorm();
+    square += pixel_residual(result->cam_from_world, result->lens, {}, points[i], pixels[i]).squaredNorm();
   }
   const double sigma = std::sqrt(square / std::max(1, 2 * result->inlier_count - 9));
   const Eigen::Vector3d deviation = sigma * covariance.diagonal().tail<3>().cwiseMax(0).cwiseSqrt();

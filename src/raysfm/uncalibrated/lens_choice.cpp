@@ -1,0 +1,115 @@
+#include "raysfm/uncalibrated/lens_choice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace raysfm {
+namespace {
+
+// Of the observations in compared images that either reconstruction explains.
+struct Comparison {
+  double fixed = 0, zoom = 0;  // sums of squared errors, each at most the largest allowed
+  int observations = 0, images = 0, points = 0;
+};
+
+double truncated_square(const PointTracks& tracks, const UncalibratedReconstruction& r, int k,
+                        double max_error) {
+  if (!r.inlier[k]) return max_error * max_error;
+  return pixel_residual(tracks, r.scene, r.radial, k).squaredNorm();
+}
+
+Comparison compare(const PointTracks& tracks, std::span<const uint8_t> compared,
+                   const UncalibratedReconstruction& fixed, const UncalibratedReconstruction& zoom,
+                   double max_error) {
+  Comparison c;
+  // What only one reached says nothing of the lens.
+  const auto posed = [&](int j) { return compared[j] && fixed.image_posed[j] && zoom.image_posed[j]; };
+  const auto placed = [&](int i) { return fixed.point_placed[i] && zoom.point_placed[i]; };
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!(fixed.inlier[k] || zoom.inlier[k]) || !posed(tracks.image[k]) || !placed(tracks.point[k])) continue;
+    c.fixed += truncated_square(tracks, fixed, k, max_error);
+    c.zoom += truncated_square(tracks, zoom, k, max_error);
+    ++c.observations;
+  }
+  for (int j = 0; j < tracks.image_count; ++j) c.images += posed(j);
+  for (int i = 0; i < tracks.point_count; ++i) c.points += placed(i);
+  return c;
+}
+
+// Standard deviation of the logarithm of the focal length over the compared images.
+double focal_spread(std::span<const uint8_t> compared, const UncalibratedReconstruction& r) {
+  double sum = 0, square = 0;
+  int count = 0;
+  for (size_t j = 0; j < compared.size(); ++j) {
+    if (!compared[j] || !r.image_posed[j]) continue;
+    const double log_focal = std::log(r.scene.lenses[j].fx);
+    sum += log_focal, square += log_focal * log_focal, ++count;
+  }
+  return count > 0 ? std::sqrt(std::max(0.0, square / count - std::pow(sum / count, 2))) : 0;
+}
+
+// Observations less the numbers of the poses, the lenses and, where they are not given, the points.
+double freedom(const Comparison& c, bool points_are_given) {
+  const double of_points = points_are_given ? 0.0 : 3.0 * c.points - 7;
+  return std::max(1.0, 2.0 * c.observations - 9.0 * c.images - of_points);
+}
+
+struct Verdict {
+  bool zooming;
+  std::string evidence;
+};
+
+Verdict judge_lens(const Comparison& c, double freedom, double spread, ErrorRelation errors) {
+  constexpr double kLeastSpread = 0.01, kSureSpread = 0.03, kSureRatio = 1.15;
+  const bool along_tracks = errors == ErrorRelation::kAlongTracks;
+  const double gain = (c.fixed - c.zoom) / std::max(c.zoom / freedom, 1e-12);
+  const double added = 3.0 * std::max(1, c.images - 1);
+  const double needed =
+      along_tracks ? added * std::log(std::max(2, 2 * c.observations)) : added + 4 * std::sqrt(2 * added);
+  const double ratio = std::sqrt(c.fixed / std::max(c.zoom, 1e-12));
+  const bool changes = spread > kLeastSpread && (spread > kSureSpread || ratio > kSureRatio);
+  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
+  std::string evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
+                         " px with one for each image over the same observations: " + std::to_string(gain) +
+                         " variances less, more than " + std::to_string(needed) + " mean zooming";
+  if (along_tracks) {
+    evidence +=
+        " where the focal length changes by more than 3 %, or by 1 % and the rms falls by a seventh; it "
+        "changes "
+        "by " +
+        std::to_string(100 * spread) + " %";
+  }
+  return {gain > needed && (changes || !along_tracks), std::move(evidence)};
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::span<const uint8_t> compared,
+                                               Result<UncalibratedReconstruction> fixed,
+                                               Result<UncalibratedReconstruction> zoom, double max_error_px,
+                                               ErrorRelation errors) {
+  if (!fixed && !zoom) return fixed;
+  Verdict verdict{!fixed, std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens")};
+  if (fixed && zoom) {
+    const Comparison c = compare(tracks, compared, *fixed, *zoom, max_error_px);
+    verdict = judge_lens(c, freedom(c, zoom->world_is_given), focal_spread(compared, *zoom), errors);
+  }
+  auto& chosen = verdict.zooming ? zoom : fixed;
+  chosen->lens_evidence = std::move(verdict.evidence);
+  return std::move(chosen);
+}
+
+double rms_error(const PointTracks& tracks, const UncalibratedScene& scene, const RadialDistortion& radial,
+                 std::span<const uint8_t> marked) {
+  double sum = 0;
+  int count = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!marked[k]) continue;
+    sum += pixel_residual(tracks, scene, radial, k).squaredNorm();
+    ++count;
+  }
+  return count > 0 ? std::sqrt(sum / count) : 0;
+}
+
+}  // namespace raysfm

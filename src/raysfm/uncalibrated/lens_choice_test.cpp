@@ -1,0 +1,104 @@
+#include "raysfm/uncalibrated/lens_choice.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "raysfm/core/random.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kImages = 9, kPoints = 60;
+
+// Images along a line that look at a cloud of points; the pixels are those of lenses of focal length 500.
+struct Seen {
+  PointTracks tracks;
+  UncalibratedReconstruction truth;
+};
+
+Seen look() {
+  Seen seen;
+  Rng rng(3);
+  UncalibratedReconstruction& r = seen.truth;
+  for (int j = 0; j < kImages; ++j) {
+    r.scene.cam_from_world.push_back({Eigen::Quaterniond::Identity(), {0.2 * j, 0, 0}});
+    r.scene.lenses.push_back({500, 500, 320, 240, 0});
+  }
+  for (int i = 0; i < kPoints; ++i) {
+    r.scene.points.emplace_back(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(4, 6));
+  }
+  seen.tracks.image_count = kImages;
+  seen.tracks.point_count = kPoints;
+  seen.tracks.image_size = {640, 480};
+  for (int j = 0; j < kImages; ++j) {
+    for (int i = 0; i < kPoints; ++i) {
+      const Eigen::Vector3d x = r.scene.cam_from_world[j] * r.scene.points[i];
+      seen.tracks.add(j, i, r.scene.lenses[j].pixel(x.hnormalized()));
+    }
+  }
+  r.image_posed.assign(kImages, 1);
+  r.point_placed.assign(kPoints, 1);
+  r.inlier.assign(seen.tracks.size(), 1);
+  return seen;
+}
+
+// The truth with every pixel off by about `error` px, and focal lengths that spread by the share `spread`.
+UncalibratedReconstruction with(const UncalibratedReconstruction& truth, double error, double spread,
+                                bool zooming) {
+  UncalibratedReconstruction r = truth;
+  Rng rng(4);
+  for (int j = 0; j < kImages; ++j) {
+    const double focal = 500 * (1 + spread * (j % 2 ? 1 : -1));
+    r.scene.lenses[j] = {focal, focal, 320, 240, 0};
+    r.scene.lenses[j].cx += error;
+  }
+  r.zooming = zooming;
+  return r;
+}
+
+bool zooms(double error_fixed, double error_zoom, double spread,
+           ErrorRelation errors = ErrorRelation::kAlongTracks) {
+  const Seen seen = look();
+  // The pixels of lenses that spread: what is left of the error is that of the principal point.
+  PointTracks tracks = seen.tracks;
+  const UncalibratedReconstruction zoom = with(seen.truth, error_zoom, spread, true);
+  UncalibratedReconstruction exact = with(seen.truth, 0, spread, true);
+  for (int k = 0; k < tracks.size(); ++k) tracks.pixel[k] += pixel_residual(tracks, exact.scene, {}, k);
+  const std::vector<uint8_t> all(kImages, 1);
+  const auto chosen = choose_lens(tracks, all, with(seen.truth, error_fixed, 0, false), zoom, 50, errors);
+  EXPECT_TRUE(chosen);
+  EXPECT_FALSE(chosen->lens_evidence.empty());
+  return chosen->zooming;
+}
+
+TEST(LensChoice, ChangeOfTheFocalLengthThatExplainsTheResidualsIsAZoom) {
+  EXPECT_TRUE(zooms(0.5, 0.5, 0.05));
+  EXPECT_TRUE(zooms(0.5, 0.1, 0.015));
+}
+
+TEST(LensChoice, LensThatHardlyChangesIsFixedWhateverTheResidualsSay) {
+  EXPECT_FALSE(zooms(1.0, 0.1, 0.006));  // errors that are alike along a track look like this
+  EXPECT_FALSE(zooms(0.5, 0.5, 0.0));
+}
+
+TEST(LensChoice, ErrorsOfTheirOwnTellSmallChangesToo) {
+  EXPECT_TRUE(zooms(1.0, 0.1, 0.006, ErrorRelation::kNone));
+  EXPECT_FALSE(zooms(0.5, 0.5, 0.0, ErrorRelation::kNone));
+}
+
+TEST(LensChoice, OnlySolutionIsTaken) {
+  const Seen seen = look();
+  const std::vector<uint8_t> all(kImages, 1);
+  const Result<UncalibratedReconstruction> none = no_reconstruction("none"),
+                                           other = no_reconstruction("other");
+  const auto fixed = with(seen.truth, 1, 0, false), zoom = with(seen.truth, 9, 0.1, true);
+  EXPECT_FALSE(choose_lens(seen.tracks, all, fixed, other, 3, ErrorRelation::kNone)->zooming);
+  EXPECT_TRUE(choose_lens(seen.tracks, all, none, zoom, 3, ErrorRelation::kNone)->zooming);
+  const auto neither = choose_lens(seen.tracks, all, none, other, 3, ErrorRelation::kNone);
+  ASSERT_FALSE(neither);
+  EXPECT_EQ(neither.error().message, "none");
+}
+
+}  // namespace
+}  // namespace raysfm
