@@ -10,6 +10,7 @@
 
 #include "raysfm/core/median.h"
 #include "raysfm/core/memory.h"
+#include "raysfm/geometry/interpolation.h"
 #include "raysfm/odometry/dead_features.h"
 #include "raysfm/views/blindness.h"
 
@@ -69,11 +70,6 @@ Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
     pose.matches.push_back({{track, keyframe.cameras[f], keyframe.octaves[f], keyframe.pixels[f]}, true});
   }
   return pose;
-}
-
-// Pose part of the way from a to b.
-Rigid3 interpolate(const Rigid3& a, const Rigid3& b, double part) {
-  return {a.rotation.slerp(part, b.rotation), (1 - part) * a.translation + part * b.translation};
 }
 
 // A motion continued, or cut short: its rotation and translation by the same part, which may exceed 1.
