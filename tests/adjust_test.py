@@ -275,7 +275,7 @@ class AdjustBal(AdjustTest):
             "lie.txt": ("9 80 1\n" + rest, ["lie.txt:"]),
             "huge.txt": ("2000000000 2000000000 2000000000\n" + rest, ["huge.txt:1: 2000000000 cameras", "bytes"]),
             "range.txt": (text.replace("\n0 0 ", "\n8 0 ", 1), ["range.txt:2: observation 0: camera: '8'", "0 to 7"]),
-            "nan.txt": (text.rsplit("\n", 2)[0] + "\nnan\n", ["point 79: number 3: 'nan'", "finite"]),
+            "nan.txt": (text.rsplit("\n", 2)[0] + "\nnan\n", ["point 79: z: 'nan' is not allowed", "a number from"]),
             "cut.txt": (text[:len(text) // 2], ["cut.txt:", "the file ends before"]),
             "long.txt": (text + "1\n", ["long.txt:", "'1' is not allowed"]),
             "empty.txt": ("", ["empty.txt:1: the file ends before number of cameras"]),

@@ -41,7 +41,7 @@ TEST(OdometryMemory, GrowsByTheMapAndThePosesOnly) {
   // rounded up, and of tracks whose position was given up, there is a little more.
   constexpr double kObservation = 28, kPoint = 100, kFrame = 600;
   const SynthViews corridor = synth_views("corridor", "drive", 30);
-  const HeldMemory before = run_forth_and_back(corridor, 5), after = run_forth_and_back(corridor, 8);
+  const HeldMemory before = run_forth_and_back(corridor, 7), after = run_forth_and_back(corridor, 12);
   const Reconstruction &a = before.reconstruction, &b = after.reconstruction;
   ASSERT_EQ(a.segments.size(), 1u);
   ASSERT_EQ(b.segments.size(), 1u);
