@@ -63,7 +63,7 @@ Result<void> prepare_output(const TrackSettings& settings, const std::string& ou
 // The exit code of a run that has written its result, or why there was none to write.
 Result<int> outcome(const TrackResult& result, bool written, const std::string& out,
                     const StopSignals& stop) {
-  if (result.interrupted) return stop.exit_code();
+  if (result.report.interrupted) return stop.exit_code();
   if (!result.reconstruction.segments.empty()) return 0;
   const std::string reason = first_reason(result.reconstruction);
   if (written) return no_reconstruction(reason);

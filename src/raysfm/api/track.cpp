@@ -201,19 +201,18 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   const Result<bool> stopped =
       push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input), tracker);
   if (!stopped) return stopped.error();
-  out.interrupted = *stopped;
-  if (tracker.frames() == 0 && !out.interrupted) {
+  if (tracker.frames() == 0 && !*stopped) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
-  if (!out.interrupted) {
+  if (!*stopped) {
     for (const auto& s : sources->input.streams) tell(callbacks.event, Event::Level::kWarning, s->note());
     tell(callbacks.event, Event::Level::kWarning, stream.note());
   }
 
   out.reconstruction = tracker.finish(settings.final == "global");
-  if (out.interrupted) explain_interruption(&out.reconstruction);
+  if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, stream.finish());
-  out.report.interrupted = out.interrupted;
+  out.report.interrupted = *stopped;
   out.report.frames_in_input = source.frame_count();
   out.report.wall_s = milliseconds_since(start) / 1000.0;
   out.report.frames_per_second = tracker.frames() / out.report.wall_s;

@@ -34,7 +34,6 @@ struct TrackProgress {
 struct TrackResult {
   Reconstruction reconstruction;
   Report report;
-  bool interrupted = false;
 };
 
 // What a caller hears while `track` runs.

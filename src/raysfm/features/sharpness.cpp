@@ -84,6 +84,7 @@ class EdgeRuns {
   alignas(64) int16_t height_[kEdgeLanes] = {}, steepest_[kEdgeLanes] = {};  // of the run up to `before_`
 };
 
+// `lines` is a copy, which no store can change, so that the addresses need not be read again.
 void edge_widths(const EdgeLines lines, std::vector<float>* widths) {
   uint8_t next[kEdgeLanes] = {};
   const auto look_at = [&](ptrdiff_t offset) {

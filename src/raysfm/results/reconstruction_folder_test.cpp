@@ -158,15 +158,19 @@ Reconstruction written_and_read(const Reconstruction& r) {
   return read ? *std::move(read) : Reconstruction{};
 }
 
+void expect_same(const Reconstruction& read, const Reconstruction& r) {
+  expect_same_frames(read, r);
+  expect_same_map(read, r);
+  expect_same_report(read, r);
+  expect_same_lenses(read, r);
+}
+
 TEST(ReconstructionFolder, ReadsBackWhatTrackWrote) {
   for (const int cameras : {1, 2}) {
     for (const bool two_worlds : {false, true}) {
       const Reconstruction r = uneven_reconstruction(cameras, two_worlds);
       const Reconstruction read = written_and_read(r);
-      expect_same_frames(read, r);
-      expect_same_map(read, r);
-      expect_same_report(read, r);
-      expect_same_lenses(read, r);
+      expect_same(read, r);
       ASSERT_EQ(read.rig.cameras.size(), r.rig.cameras.size());
       for (int c = 0; c < cameras; ++c) {
         const Camera &a = read.rig.cameras[c], &b = r.rig.cameras[c];
@@ -187,10 +191,7 @@ TEST(ReconstructionFolder, ReadsBackWhatSolveWrote) {
       r.metric_scale = r.segments[0].metric_scale = zooming;
       for (Observation& o : r.observations) o.pixel *= 1 + 1.0 / 4096;
       const Reconstruction read = written_and_read(r);
-      expect_same_frames(read, r);
-      expect_same_map(read, r);
-      expect_same_report(read, r);
-      expect_same_lenses(read, r);
+      expect_same(read, r);
       EXPECT_TRUE(read.rig.cameras.empty());
     }
   }
@@ -226,10 +227,7 @@ TEST(ReconstructionFolder, ReadsBackWhatAdjustWroteAsBal) {
   const Result<Reconstruction> read = adjusted_and_read(
       r, "bal", {"a.txt.bz2", [&](const fs::path& path) { return write_bal_file(file, path); }});
   ASSERT_TRUE(read.ok()) << read.error().message;
-  expect_same_frames(*read, r);
-  expect_same_map(*read, r);
-  expect_same_report(*read, r);
-  expect_same_lenses(*read, r);
+  expect_same(*read, r);
   expect_same_observations(*read, r);
 }
 
@@ -244,10 +242,7 @@ TEST(ReconstructionFolder, ReadsBackWhatAdjustWroteAsColmapModel) {
     const Result<Reconstruction> read = adjusted_and_read(
         r, "colmap", {"sparse", [&](const fs::path& path) { return write_colmap_model(*model, path); }});
     ASSERT_TRUE(read.ok()) << read.error().message;
-    expect_same_frames(*read, r);
-    expect_same_map(*read, r);
-    expect_same_report(*read, r);
-    expect_same_lenses(*read, r);
+    expect_same(*read, r);
     expect_same_observations(*read, r);
   }
 }
