@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <type_traits>
 
 #include "raysfm/lenses/intrinsics_free.h"
 #include "raysfm/lenses/observation_index.h"
@@ -45,6 +46,10 @@ Result<void> check_options(const LensAdjustmentOptions& options) {
   if (!(c.principal_point_sigma >= 0)) return bad_input("principal_point_sigma: must be 0 or more");
   if (!c.principal_point.allFinite()) return bad_input("principal_point: must be two finite numbers");
   if (!(options.loss.scale > 0)) return bad_input("loss: scale must be above 0");
+  if (options.radial_terms < 0 || options.radial_terms > 2 || (options.radial_terms > 0 && !c.equal)) {
+    return bad_input("radial_terms: " + std::to_string(options.radial_terms) +
+                     ", allowed are 0 to 2, and 0 where every image has its own lens");
+  }
   return {};
 }
 
@@ -82,7 +87,10 @@ UncalibratedScene indexed_scene(const ObservationIndex& index, const Uncalibrate
   return part;
 }
 
-void put_back(const ObservationIndex& index, const UncalibratedScene& part, UncalibratedScene* scene) {
+// One lens is that of the images that are not adjusted, too.
+void put_back(const ObservationIndex& index, const UncalibratedScene& part, bool one_lens,
+              UncalibratedScene* scene) {
+  if (one_lens) scene->lenses.assign(scene->lenses.size(), part.lenses.front());
   for (int j = 0; j < index.image_count(); ++j) {
     scene->cam_from_world[index.images[j]] = part.cam_from_world[j];
     scene->lenses[index.images[j]] = part.lenses[j];
@@ -91,17 +99,18 @@ void put_back(const ObservationIndex& index, const UncalibratedScene& part, Unca
 }
 
 // The numbers of the lenses that an adjustment has free, for the degrees of freedom.
-int free_lens_numbers(const LensConstraints& constraints, int images) {
-  const int each = static_cast<int>(lens_basis(constraints).cols());
-  return constraints.equal ? each : each * images;
+int free_lens_numbers(const LensAdjustmentOptions& options, int images) {
+  const int each = static_cast<int>(lens_basis(options.constraints).cols());
+  return options.radial_terms + (options.constraints.equal ? each : each * images);
 }
 
 // Squared distances between prediction and observation, pixels, by observation.
-std::vector<double> squared_errors(const ObservationIndex& index, const UncalibratedScene& part) {
+std::vector<double> squared_errors(const ObservationIndex& index, const UncalibratedScene& part,
+                                   const RadialDistortion& radial) {
   std::vector<double> errors;
   for (int j = 0; j < index.image_count(); ++j) {
     for (int o = index.image_begin[j]; o < index.image_begin[j + 1]; ++o) {
-      errors.push_back(pixel_residual(part.cam_from_world[j], part.lenses[j], {},
+      errors.push_back(pixel_residual(part.cam_from_world[j], part.lenses[j], radial,
                                       part.points[index.point_of[o]], index.pixel[o])
                            .squaredNorm());
     }
@@ -116,7 +125,7 @@ void find_sigma(const ObservationIndex& index, const LensAdjustmentOptions& opti
   const LensVector unknown = LensVector::Constant(std::numeric_limits<double>::infinity());
   std::vector<LensVector> sigma(index.image_count(), unknown);
   const int freedom = 2 * index.size() - 6 * index.image_count() - 3 * index.point_count() -
-                      free_lens_numbers(options.constraints, index.image_count()) + kGauge;
+                      free_lens_numbers(options, index.image_count()) + kGauge;
   const int needed = min_images(options.constraints);
   if (freedom > 0 && needed > 0 && index.image_count() >= needed) {
     problem->linearize();
@@ -130,6 +139,18 @@ void find_sigma(const ObservationIndex& index, const LensAdjustmentOptions& opti
   for (int j = 0; j < index.image_count(); ++j) summary->lens_sigma[index.images[j]] = sigma[j];
 }
 
+// By point of the tracks.
+Eigen::Matrix<double, 7, Eigen::Dynamic> influence_of_points(const ObservationIndex& index,
+                                                             const PointTracks& tracks,
+                                                             StandardProblem* problem) {
+  problem->linearize();
+  const auto influence = problem->influences();
+  Eigen::Matrix<double, 7, Eigen::Dynamic> result(7, influence.cols() > 0 ? tracks.point_count : 0);
+  result.setZero();
+  for (int i = 0; i < influence.cols(); ++i) result.col(index.points[i]) = influence.col(i);
+  return result;
+}
+
 // One minimisation after another, the weights of the loss renewed between them. `further` is what the
 // problem is made from besides.
 template <typename Problem, typename... Further>
@@ -137,7 +158,9 @@ Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustm
                                        const PointTracks& tracks, UncalibratedScene* scene,
                                        Further... further) {
   constexpr double kLeastWeight = 1e-4;  // keeps every point determined
+  constexpr bool kStandard = std::is_same_v<Problem, StandardProblem>;
   LensAdjustmentSummary summary;
+  summary.radial = options.radial;
   const bool robust = options.loss.kind != RobustLoss::Kind::kNone;
   const int rounds = robust ? std::max(1, options.reweightings) : 1;
   const std::vector<double> given = index.weight;
@@ -145,12 +168,14 @@ Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustm
   int iterations = 0;
   for (int round = 0; round < rounds; ++round) {
     if (round > 0) {
-      const std::vector<double> errors = squared_errors(index, part);
+      const std::vector<double> errors = squared_errors(index, part, summary.radial);
       for (int o = 0; o < index.size(); ++o) {
         index.weight[o] = given[o] * std::max(kLeastWeight, options.loss.weight(errors[o]));
       }
     }
-    Problem problem(index, options, part, further...);
+    LensAdjustmentOptions from_here = options;
+    from_here.radial = summary.radial;
+    Problem problem(index, from_here, part, further...);
     if (!problem.valid()) {
       return bad_input("scene: the points of an image lie on a line, or on one with its camera");
     }
@@ -158,8 +183,9 @@ Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustm
     iterations += summary.lm.iterations;
     summary.costs = problem.costs();
     part = problem.scene();
+    if constexpr (kStandard) summary.radial = problem.radial();
     if (round + 1 < rounds) continue;
-    const std::vector<double> errors = squared_errors(index, part);
+    const std::vector<double> errors = squared_errors(index, part, summary.radial);
     double weighted = 0, sum = 0;
     for (int o = 0; o < index.size(); ++o) weighted += index.weight[o] * errors[o], sum += errors[o];
     summary.rms_px = std::sqrt(sum / index.size());
@@ -168,11 +194,14 @@ Result<LensAdjustmentSummary> minimise(ObservationIndex index, const LensAdjustm
                                 LensVector::Constant(std::numeric_limits<double>::infinity()));
       find_sigma(index, options, weighted, &problem, &summary);
     }
+    if constexpr (kStandard) {
+      if (options.with_influence) summary.influence = influence_of_points(index, tracks, &problem);
+    }
   }
   summary.lm.iterations = iterations;
   summary.used = index.size();
   summary.dropped = tracks.size() - index.size();
-  put_back(index, part, scene);
+  put_back(index, part, kStandard && options.constraints.equal, scene);
   return summary;
 }
 

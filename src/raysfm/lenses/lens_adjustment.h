@@ -6,6 +6,7 @@
 #include "raysfm/core/result.h"
 #include "raysfm/lenses/lens_constraints.h"
 #include "raysfm/lenses/point_tracks.h"
+#include "raysfm/lenses/radial_distortion.h"
 #include "raysfm/lenses/uncalibrated_scene.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/robust_loss.h"
@@ -35,9 +36,14 @@ struct LensAdjustmentOptions {
   // Weight of an exact constraint, relative to what the moments of an image say of the number: see
   // constraint_rows(); > 0. With multipliers it is the price of a violation when a step is judged.
   double constraint_weight = 1;
-  RobustLoss loss;         // scale in pixels
-  int reweightings = 3;    // rounds with the weights of the loss held fixed; one when there is no loss
-  bool with_sigma = true;  // compute lens_sigma
+  // Of the standard adjustment alone: the distortion of all images, and how many of its coefficients, k1
+  // before k2, are unknowns: 0 to 2, and 0 unless the lenses are equal.
+  RadialDistortion radial;
+  int radial_terms = 0;
+  RobustLoss loss;              // scale in pixels
+  int reweightings = 3;         // rounds with the weights of the loss held fixed; one when there is no loss
+  bool with_sigma = true;       // compute lens_sigma
+  bool with_influence = false;  // compute influence
   LmOptions lm{.max_iterations = 100, .min_relative_decrease = 1e-6, .initial_damping = 1e-3};
 };
 
@@ -52,6 +58,11 @@ struct LensAdjustmentSummary {
   // Standard deviation of each number of each lens, pixels, scaled by the residuals; infinite where the
   // constraints leave the number free. Empty unless asked for.
   std::vector<LensVector> lens_sigma;
+  RadialDistortion radial;  // what became of that of the options
+  // How much the observations of each point of the tracks move the one lens of the standard adjustment, to
+  // first order: fx, fy, cx, cy, skew, k1, k2 in a column. Points are independent of one another where
+  // observations are not, so that the sum of the squares is their variance. Empty unless asked for.
+  Eigen::Matrix<double, 7, Eigen::Dynamic> influence;
 };
 
 // An observation of an image with fewer than this many is not used: 11 numbers, two from each point.

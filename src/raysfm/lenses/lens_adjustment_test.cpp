@@ -151,6 +151,97 @@ std::string message(const Result<LensAdjustmentSummary>& result) {
   return result.ok() ? "" : result.error().message;
 }
 
+// The pixels of a cube's lenses with a distortion.
+PointTracks distorted(const Cube& cube, const RadialDistortion& radial) {
+  PointTracks tracks = cube.tracks;
+  for (int k = 0; k < tracks.size(); ++k) tracks.pixel[k] += pixel_residual(tracks, cube.truth, radial, k);
+  return tracks;
+}
+
+TEST(LensAdjustment, DistortionIsAnUnknownBesideTheLens) {
+  Rng rng(17);
+  const Cube cube = make_cube({.images = 8, .points = 40}, &rng);
+  const RadialDistortion truth{-0.2, 0.6};
+  const PointTracks tracks = distorted(cube, truth);
+  LensAdjustmentOptions options;
+  options.constraints.equal = true;
+  options.lm.min_relative_decrease = 1e-12;
+  for (const int terms : {1, 2}) {
+    options.radial_terms = terms;
+    options.radial = {0, terms == 1 ? truth.k2 : 0};  // held at the truth, or unknown
+    UncalibratedScene scene = perturbed(cube.truth, 0.01, &rng);
+    const auto summary = adjust_standard(tracks, {}, options, &scene);
+    ASSERT_TRUE(summary.ok()) << summary.error().message;
+    EXPECT_NEAR(summary->radial.k1, truth.k1, 1e-6) << terms;
+    EXPECT_NEAR(summary->radial.k2, truth.k2, 1e-4) << terms;
+    EXPECT_NEAR(scene.lenses[3].fx, cube.truth.lenses[3].fx, 1e-3) << terms;
+    EXPECT_LT(summary->rms_px, 1e-6);
+  }
+}
+
+// An influence is the derivative of the lens by the logarithm of the weight of a point's observations.
+TEST(LensAdjustment, InfluenceOfAPointIsWhatItsWeightChanges) {
+  constexpr double kStep = 0.02;
+  Rng rng(19);
+  const Cube cube = make_cube({.images = 8, .points = 30}, &rng);
+  PointTracks tracks = distorted(cube, {-0.2, 0.6});
+  add_noise(0.05, &rng, &tracks);
+  LensAdjustmentOptions options;
+  options.constraints.equal = true;
+  options.radial_terms = 2;
+  options.with_influence = true;
+  options.lm.min_relative_decrease = 1e-14;
+  UncalibratedScene scene = cube.truth;
+  const auto at = adjust_standard(tracks, {}, options, &scene);
+  ASSERT_TRUE(at.ok());
+  ASSERT_EQ(at->influence.cols(), tracks.point_count);
+  const auto lens_with = [&](int point, double factor) {
+    std::vector<double> weights(tracks.size(), 1);
+    for (int k = 0; k < tracks.size(); ++k) weights[k] = tracks.point[k] == point ? factor : 1;
+    UncalibratedScene moved = scene;
+    LensAdjustmentOptions from_here = options;
+    from_here.radial = at->radial;
+    const auto summary = adjust_standard(tracks, weights, from_here, &moved);
+    EXPECT_TRUE(summary.ok());
+    Eigen::Matrix<double, 7, 1> numbers;
+    numbers << moved.lenses[0].vector(), summary->radial.k1, summary->radial.k2;
+    return numbers;
+  };
+  const Eigen::Matrix<double, 7, 1> typical =
+      at->influence.rowwise().norm() / std::sqrt(double(tracks.point_count));
+  for (const int point : {0, 7, 21}) {
+    const Eigen::Matrix<double, 7, 1> change =
+        (lens_with(point, 1 + kStep) - lens_with(point, 1 - kStep)) / (2 * kStep);
+    for (const int number : {0, 1, 2, 3, 5, 6}) {
+      EXPECT_NEAR(at->influence(number, point), change[number], 0.05 * typical[number])
+          << point << ' ' << number;
+    }
+  }
+}
+
+TEST(LensAdjustment, OneLensIsThatOfImagesThatAreNotAdjusted) {
+  Rng rng(23);
+  const Cube cube = make_cube({.images = 7, .points = 30}, &rng);
+  std::vector<double> weights(cube.tracks.size(), 1);
+  for (int k = 0; k < cube.tracks.size(); ++k) weights[k] = cube.tracks.image[k] == 4 ? 0 : 1;
+  UncalibratedScene scene = perturbed(cube.truth, 0.01, &rng);
+  LensAdjustmentOptions options;
+  options.constraints.equal = true;
+  ASSERT_TRUE(adjust_standard(cube.tracks, weights, options, &scene).ok());
+  EXPECT_EQ(scene.lenses[4].vector(), scene.lenses[0].vector());
+}
+
+TEST(LensAdjustment, DistortionOfLensesOfTheirOwnIsRefused) {
+  Rng rng(29);
+  const Cube cube = make_cube({.images = 7, .points = 30, .zooming = true}, &rng);
+  UncalibratedScene scene = cube.truth;
+  LensAdjustmentOptions options;
+  options.radial_terms = 1;
+  const auto summary = adjust_standard(cube.tracks, {}, options, &scene);
+  ASSERT_FALSE(summary.ok());
+  EXPECT_EQ(summary.error().kind, ErrorKind::kBadInput);
+}
+
 TEST(LensAdjustment, BadInputIsNamed) {
   Rng rng(9);
   const Cube cube = make_cube({.images = 3, .zooming = true}, &rng);

@@ -22,12 +22,19 @@ Matrix25d by_lens(double x, double y) {
 
 StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjustmentOptions& options,
                                  UncalibratedScene scene, LensRole role)
-    : index_(index), options_(options), role_(role), scene_(std::move(scene)), trial_(scene_) {
+    : index_(index),
+      options_(options),
+      role_(role),
+      scene_(std::move(scene)),
+      trial_(scene_),
+      radial_(options.radial),
+      trial_radial_(radial_) {
   const Eigen::MatrixXd basis = lens_basis(options.constraints);
   free_ = static_cast<int>(basis.cols());
   basis_.leftCols(free_) = basis;
+  numbers_ = free_ + (shared() && role == LensRole::kUnknown ? options.radial_terms : 0);
   block_ = shared() ? 6 : 6 + free_;
-  elimination_.set_structure(index_.image_count(), block_, shared() ? free_ : 0, index_.point_begin,
+  elimination_.set_structure(index_.image_count(), block_, shared() ? numbers_ : 0, index_.point_begin,
                              index_.image_of_slot);
   in_view_.resize(index_.size());
   damping_scale_.resize(elimination_.rows());
@@ -41,11 +48,11 @@ bool StandardProblem::has_prior() const {
 }
 
 double StandardProblem::start_cost() {
-  const double given = cost(&scene_);
+  const double given = cost(&scene_, radial_);
   if (role_ == LensRole::kUnknown || !std::isfinite(given)) return given;
   trial_.lenses = scene_.lenses;
   fitting_ = true;
-  const double fitted = cost(&trial_);
+  const double fitted = cost(&trial_, radial_);
   fitting_ = fitted > kSlowGain * given && std::isfinite(fitted);
   if (!fitting_) return given;
   scene_.lenses = trial_.lenses;
@@ -97,7 +104,21 @@ void StandardProblem::fit_lenses(UncalibratedScene* scene) const {
   }
 }
 
-double StandardProblem::cost(UncalibratedScene* scene) {
+RadialDistortion StandardProblem::moved(const RadialDistortion& radial, const Eigen::VectorXd& steps) const {
+  const int first = lens_rows(0) + free_;
+  RadialDistortion result = radial;
+  if (numbers_ > free_) result.k1 += steps[first];
+  if (numbers_ > free_ + 1) result.k2 += steps[first + 1];
+  return result;
+}
+
+Eigen::Vector2d StandardProblem::predicted(const Lens& lens, int observation,
+                                           const RadialDistortion& radial) const {
+  const Eigen::Vector2d m = in_view_[observation].head<2>();
+  return lens.pixel(radial.none() ? m : radial(m));
+}
+
+double StandardProblem::cost(UncalibratedScene* scene, const RadialDistortion& radial) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   if (!project(*scene)) return kNever;
   if (fitting_) fit_lenses(scene);
@@ -106,7 +127,7 @@ double StandardProblem::cost(UncalibratedScene* scene) {
     const Lens& lens = scene->lenses[j];
     if (!(lens.fx > 0 && lens.fy > 0)) return kNever;
     for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
-      sum += index_.weight[o] * (lens.pixel(in_view_[o].head<2>()) - index_.pixel[o]).squaredNorm();
+      sum += index_.weight[o] * (predicted(lens, o, radial) - index_.pixel[o]).squaredNorm();
     }
   }
   for (int j = 0; j < lens_count() && has_prior(); ++j) {
@@ -117,34 +138,54 @@ double StandardProblem::cost(UncalibratedScene* scene) {
   return 0.5 * sum;
 }
 
+// Of the pixel of an observation, where the cost was taken last; what is not unknown has no column.
+void StandardProblem::jacobians(const Lens& lens, int observation, Matrix26d* by_pose,
+                                Matrix27d* by_numbers) const {
+  const Eigen::Vector2d m = in_view_[observation].head<2>();
+  const double depth = in_view_[observation].z();
+  const Eigen::Matrix2d root = lens.matrix().topLeftCorner<2, 2>();
+  Eigen::Matrix<double, 2, 3> by_ray;  // of the point in the camera, times its z
+  Eigen::Vector2d seen = m;
+  by_numbers->setZero();
+  if (radial_.none() && numbers_ == free_) {
+    by_ray << root, -root * m;
+  } else {
+    const Eigen::Matrix2d bent = root * radial_.jacobian(m);
+    by_ray << bent, -bent * m;
+    seen = radial_(m);
+    const double r2 = m.squaredNorm();
+    if (numbers_ > free_) by_numbers->col(free_) = r2 * root * m;
+    if (numbers_ > free_ + 1) by_numbers->col(free_ + 1) = r2 * r2 * root * m;
+  }
+  by_pose->leftCols<3>() = depth * by_ray;
+  for (int k = 0; k < 2; ++k) {
+    const double a = by_ray(k, 0), b = by_ray(k, 1), c = by_ray(k, 2);
+    (*by_pose)(k, 3) = m.y() * c - b;
+    (*by_pose)(k, 4) = a - m.x() * c;
+    (*by_pose)(k, 5) = m.x() * b - m.y() * a;
+  }
+  by_numbers->leftCols(free_) = by_lens(seen.x(), seen.y()) * basis_.leftCols(free_);
+}
+
 void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
   using Matrix23d = Eigen::Matrix<double, 2, 3>;
+  using Matrix7d = Eigen::Matrix<double, 7, 7>;
   const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
   const Lens& lens = scene.lenses[j];
-  const Eigen::Matrix2d root = lens.matrix().topLeftCorner<2, 2>();
   Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero();
-  Eigen::Matrix<double, 5, 6> u_lens_pose = Eigen::Matrix<double, 5, 6>::Zero();
-  Matrix5d u_lens = Matrix5d::Zero();
+  Eigen::Matrix<double, 7, 6> u_lens_pose = Eigen::Matrix<double, 7, 6>::Zero();
+  Matrix7d u_lens = Matrix7d::Zero();
   Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
-  LensVector gradient_lens = LensVector::Zero();
+  Eigen::Matrix<double, 7, 1> gradient_lens = Eigen::Matrix<double, 7, 1>::Zero();
   for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
     const int point = index_.point_of[o];
-    const Eigen::Vector2d m = in_view_[o].head<2>();
-    const double depth = in_view_[o].z(), w = index_.weight[o];
-    const Eigen::Vector2d r = w * (lens.pixel(m) - index_.pixel[o]);
-    Matrix23d by_ray;  // of the point in the camera, times its z
-    by_ray << root, -root * m;
-    Eigen::Matrix<double, 2, 6> j_pose;
-    j_pose.leftCols<3>() = depth * by_ray;
-    for (int k = 0; k < 2; ++k) {
-      const double a = by_ray(k, 0), b = by_ray(k, 1), c = by_ray(k, 2);
-      j_pose(k, 3) = m.y() * c - b;
-      j_pose(k, 4) = a - m.x() * c;
-      j_pose(k, 5) = m.x() * b - m.y() * a;
-    }
-    const Matrix25d j_lens = by_lens(m.x(), m.y()) * basis_;
+    const double w = index_.weight[o];
+    const Eigen::Vector2d r = w * (predicted(lens, o, radial_) - index_.pixel[o]);
+    Matrix26d j_pose;
+    Matrix27d j_lens;
+    jacobians(lens, o, &j_pose, &j_lens);
     const Matrix23d j_point = j_pose.leftCols<3>() * rotation, weighted_point = w * j_point;
-    const Eigen::Matrix<double, 2, 6> weighted_pose = w * j_pose;
+    const Matrix26d weighted_pose = w * j_pose;
 
     u.noalias() += j_pose.transpose() * weighted_pose;
     u_lens_pose.noalias() += j_lens.transpose() * weighted_pose;
@@ -155,19 +196,20 @@ void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
     elimination_.point_gradient(point).noalias() += j_point.transpose() * r;
     PointElimination::Cross cross = elimination_.w(index_.slot_of[o]);
     cross.topRows<6>().noalias() = j_pose.transpose() * weighted_point;
-    const Eigen::Matrix<double, 5, 3> cross_lens = j_lens.transpose() * weighted_point;
+    const Eigen::Matrix<double, 7, 3> cross_lens = j_lens.transpose() * weighted_point;
     if (shared()) {
-      elimination_.shared_w(point) += cross_lens.topRows(free_);
+      elimination_.shared_w(point) += cross_lens.topRows(numbers_);
     } else {
-      cross.bottomRows(free_) = cross_lens.topRows(free_);
+      cross.bottomRows(numbers_) = cross_lens.topRows(numbers_);
     }
   }
   const int first = block_ * j, lens_first = lens_rows(j);
   elimination_.u().block<6, 6>(first, first) = u;
-  elimination_.u().block(lens_first, first, free_, 6) = u_lens_pose.topRows(free_);
-  elimination_.u().block(lens_first, lens_first, free_, free_) += u_lens.topLeftCorner(free_, free_);
+  elimination_.u().block(lens_first, first, numbers_, 6) = u_lens_pose.topRows(numbers_);
+  elimination_.u().block(lens_first, lens_first, numbers_, numbers_) +=
+      u_lens.topLeftCorner(numbers_, numbers_);
   elimination_.gradient().segment<6>(first) = gradient;
-  elimination_.gradient().segment(lens_first, free_) += gradient_lens.head(free_);
+  elimination_.gradient().segment(lens_first, numbers_) += gradient_lens.head(numbers_);
 }
 
 void StandardProblem::add_priors(const UncalibratedScene& scene) {
@@ -194,7 +236,7 @@ void StandardProblem::normal_equations(const UncalibratedScene& scene) {
 }
 
 double StandardProblem::linearize() {
-  cost_ = cost(&scene_);
+  cost_ = cost(&scene_, radial_);
   if (std::isfinite(cost_)) normal_equations(scene_);
   if (costs_.empty()) costs_.push_back(cost_);
   return cost_;
@@ -228,15 +270,21 @@ LmTrial StandardProblem::evaluate(bool linearize) {
   }
   for (int i = 0; i < index_.point_count(); ++i)
     trial_.points[i] = scene_.points[i] + elimination_.point_step(i);
-  trial_cost_ = cost(&trial_);
+  trial_radial_ = moved(radial_, steps_);
+  trial_cost_ = cost(&trial_, trial_radial_);
   const bool there = linearize && trial_cost_ <= cost_;
-  if (there) normal_equations(trial_);
+  if (there) {
+    std::swap(radial_, trial_radial_);
+    normal_equations(trial_);
+    std::swap(radial_, trial_radial_);
+  }
   return {cost_, trial_cost_, there};
 }
 
 void StandardProblem::accept() {
   fitting_ = fitting_ || (role_ == LensRole::kDependent && trial_cost_ > kSlowGain * cost_);
   std::swap(scene_, trial_);
+  radial_ = trial_radial_;
   cost_ = trial_cost_;
   costs_.back() = cost_;
 }
@@ -266,6 +314,43 @@ std::vector<Eigen::Matrix<double, 5, 5>> StandardProblem::lens_covariances() {
                           basis_.leftCols(free_).transpose());
   }
   return covariances;
+}
+
+Eigen::Matrix<double, 7, Eigen::Dynamic> StandardProblem::influences() {
+  constexpr double kDamping = 1e-10;  // as above
+  Eigen::Matrix<double, 7, Eigen::Dynamic> result(7, shared() ? index_.point_count() : 0);
+  if (result.cols() == 0 || !factorize(kDamping)) return {7, 0};
+  Eigen::MatrixXd answers = Eigen::MatrixXd::Zero(elimination_.rows(), numbers_);
+  answers.bottomRows(numbers_).setIdentity();
+  elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(answers);
+  elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(answers);
+  Eigen::MatrixXd moves = Eigen::MatrixXd::Zero(numbers_, index_.point_count());
+  std::vector<Eigen::Vector3d> at_rest(index_.point_count());
+  elimination_.substitute(Eigen::VectorXd::Zero(elimination_.rows()));
+  for (int i = 0; i < index_.point_count(); ++i) at_rest[i] = elimination_.point_step(i);
+  for (int number = 0; number < numbers_; ++number) {
+    const Eigen::VectorXd answer = answers.col(number);
+    elimination_.substitute(answer);
+    for (int j = 0; j < index_.image_count(); ++j) {
+      const Eigen::Matrix3d rotation = scene_.cam_from_world[j].rotation.toRotationMatrix();
+      for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+        const int point = index_.point_of[o];
+        Matrix26d j_pose;
+        Matrix27d j_lens;
+        jacobians(scene_.lenses[j], o, &j_pose, &j_lens);
+        const Eigen::Vector3d point_answer = elimination_.point_step(point) - at_rest[point];
+        const Eigen::Vector2d change = j_pose * answer.segment<6>(block_ * j) +
+                                       j_lens.leftCols(numbers_) * answer.tail(numbers_) +
+                                       j_pose.leftCols<3>() * (rotation * point_answer);
+        const Eigen::Vector2d r = predicted(scene_.lenses[j], o, radial_) - index_.pixel[o];
+        moves(number, point) -= index_.weight[o] * r.dot(change);
+      }
+    }
+  }
+  result.setZero();
+  result.topRows<5>() = basis_.leftCols(free_) * moves.topRows(free_);
+  result.middleRows(5, numbers_ - free_) = moves.bottomRows(numbers_ - free_);
+  return result;
 }
 
 }  // namespace raysfm

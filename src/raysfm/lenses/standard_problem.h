@@ -21,6 +21,8 @@ enum class LensRole {
 // The adjustment of poses, points and the free numbers of the lenses, as levenberg_marquardt() takes it. Each
 // image has a block of its pose and, unless all lenses are equal, its lens; equal lenses are shared numbers.
 //
+// The coefficients of a radial distortion that all images share may be unknowns beside unknown, equal lenses.
+//
 // With unknown lenses it is the standard adjustment (IFBA01 section 4, the rival). With dependent ones the
 // cost is a function of poses and points alone, which has the same minimum: pixels are linear in the numbers
 // of a lens, so that the best ones are had at once (variable projection; Golub, Pereyra, Inverse Problems
@@ -44,23 +46,34 @@ class StandardProblem {
   void accept();
 
   const UncalibratedScene& scene() const { return scene_; }
+  const RadialDistortion& radial() const { return radial_; }
   const std::vector<double>& costs() const { return costs_; }
 
   // As IntrinsicsFreeProblem's.
   std::vector<Eigen::Matrix<double, 5, 5>> lens_covariances();
+
+  // How much the observations of each point move the numbers of the lens that all images share, to first
+  // order about the present state: fx, fy, cx, cy, skew, k1, k2 in a column for each point. Call after
+  // linearize(); empty where the lenses are not equal.
+  Eigen::Matrix<double, 7, Eigen::Dynamic> influences();
 
   // The last step, for tests: the numbers of the images and the shared ones, then 3 for each point.
   Eigen::VectorXd step() const;
 
  private:
   using Matrix5d = Eigen::Matrix<double, 5, 5>;
+  using Matrix26d = Eigen::Matrix<double, 2, 6>;
+  using Matrix27d = Eigen::Matrix<double, 2, 7>;
   bool shared() const { return options_.constraints.equal; }
   bool has_prior() const;
   int lens_count() const { return shared() ? 1 : index_.image_count(); }
   int lens_rows(int image) const { return shared() ? 6 * index_.image_count() : block_ * image + 6; }
+  RadialDistortion moved(const RadialDistortion& radial, const Eigen::VectorXd& steps) const;
+  Eigen::Vector2d predicted(const Lens& lens, int observation, const RadialDistortion& radial) const;
+  void jacobians(const Lens& lens, int observation, Matrix26d* by_pose, Matrix27d* by_lens) const;
   bool project(const UncalibratedScene& scene);
   void fit_lenses(UncalibratedScene* scene) const;
-  double cost(UncalibratedScene* scene);
+  double cost(UncalibratedScene* scene, const RadialDistortion& radial);
   double start_cost();
   void normal_equations(const UncalibratedScene& scene);
   void linearize_image(int j, const UncalibratedScene& scene);
@@ -71,11 +84,13 @@ class StandardProblem {
   const LensAdjustmentOptions options_;
   const LensRole role_;
   UncalibratedScene scene_, trial_;
+  RadialDistortion radial_, trial_radial_;
   bool fitting_ = false;  // dependent, and near enough
   double cost_ = 0, trial_cost_ = 0;
   std::vector<double> costs_;
   Matrix5d basis_ = Matrix5d::Zero();  // the first p columns
   int free_ = 0;                       // p
+  int numbers_ = 0;                    // of a lens that are unknown: p, and the coefficients of distortion
   int block_ = 6;
   std::vector<Eigen::Vector3d>
       in_view_;  // of an observation: x / z, y / z, 1 / z, where the cost was taken last

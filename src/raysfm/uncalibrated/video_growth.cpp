@@ -15,9 +15,6 @@ constexpr int kMinPlacedInImage = 20;
 // An adjustment follows when this part of the key frames, and at least so many, are new.
 constexpr double kNewShare = 0.15;
 constexpr int kMinNew = 4;
-// Of a focal length: rolling shutter, blur, and what one coefficient does not describe of a lens are the same
-// for all tracks, so that no spread tells of them.
-constexpr double kModelError = 0.005;
 constexpr int kGroups = 10;                       // of the jackknife
 constexpr double kMorePoints = 1.3;               // than at the last failure: an image is tried again
 constexpr double kMinStepParallax = 0.02;         // radians, of a point that is placed
@@ -260,8 +257,6 @@ void VideoGrowth::widen_sigma(ThreadPool* pool) {
     const LensVector spread = ((count - 1) / count * square).cwiseSqrt();
     LensVector& sigma = result_.lens_sigma[j];
     sigma = sigma.cwiseMax(spread);
-    for (const int focal : {0, 1})
-      sigma[focal] = std::hypot(sigma[focal], kModelError * result_.scene.lenses[j].vector()[focal]);
   }
 }
 

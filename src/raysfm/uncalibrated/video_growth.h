@@ -37,8 +37,7 @@ class VideoGrowth {
   Result<void> finish();
   // Raises the standard deviations of the lenses to what the jackknife says: the spread of the lenses when
   // one group of tracks after the other is left out. Errors of a track, and of those beside it, are alike
-  // from frame to frame, which the normal equations do not know. Half a percent of the focal length is added
-  // in squares for what is the same for all tracks.
+  // from frame to frame, which the normal equations do not know.
   void widen_sigma(ThreadPool* pool);
 
  private:

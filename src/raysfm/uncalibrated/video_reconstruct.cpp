@@ -9,6 +9,7 @@
 #include "raysfm/projective/degeneracy.h"
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/uncalibrated/lens_choice.h"
+#include "raysfm/uncalibrated/one_lens.h"
 #include "raysfm/uncalibrated/video_growth.h"
 #include "raysfm/uncalibrated/video_radial.h"
 
@@ -18,6 +19,10 @@ namespace {
 constexpr int kStartImages = 16;  // key frames
 constexpr int kStarts = 5;        // stretches tried
 constexpr double kSureFocal = 0.01;
+constexpr int kRadialTerms = 2;  // k1, k2
+// Of a focal length: rolling shutter, blur, and what two coefficients do not describe of a lens are the same
+// for all tracks, so that no spread tells of them.
+constexpr double kModelError = 0.005;
 
 std::vector<int> marked(std::span<const uint8_t> marks) {
   std::vector<int> numbers;
@@ -156,10 +161,10 @@ bool is_sure(const PointTracks& tracks, const UncalibratedReconstruction& r, con
          std::abs(estimate.k1) * std::pow(corner, 3) > kLeastEffect * middle * middle;
 }
 
-// Adjusts to the end, with the distortion where there is one.
-Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
-                    RadialChoice choice, const GrowthControl& control, VideoGrowth* growth,
-                    UncalibratedReconstruction* result) {
+// The end of zooming lenses, or by the intrinsics-free adjustment: the distortion is looked for beside it.
+Result<void> finish_lenses(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                           const SolveOptions& options, RadialChoice choice, const GrowthControl& control,
+                           VideoGrowth* growth, UncalibratedReconstruction* result) {
   if (choice == RadialChoice::kNone || control.stopped()) return growth->finish();
   std::optional<RadialEstimate> estimate = growth->radial();
   if (!estimate || control.stopped() ||
@@ -178,6 +183,74 @@ Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe
     sigma = (sigma.cwiseAbs2() + (estimate->sigma * estimate->lens_by_k1[j]).cwiseAbs2()).cwiseSqrt();
   }
   return {};
+}
+
+// The lens with its standard deviations, and the observations in key frames that agree with it.
+void take_lens(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
+               OneLens lens, UncalibratedReconstruction* result) {
+  result->scene = std::move(lens.scene);
+  result->radial = lens.radial;
+  result->radial_sigma = {lens.radial.k1 != 0 ? lens.sigma[5] : 0, lens.radial.k2 != 0 ? lens.sigma[6] : 0};
+  result->lens_sigma.assign(tracks.image_count, lens.sigma.head<5>());
+  result->adjustment = std::move(lens.adjustment);
+  std::vector<int> good(tracks.point_count, 0), seen(tracks.point_count, 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    result->inlier[k] = 0;
+    if (!keyframe[image] || !result->image_posed[image]) continue;
+    ++seen[point];
+    if (!result->point_placed[point]) continue;
+    result->inlier[k] =
+        pixel_residual(tracks, result->scene, result->radial, k).norm() < options.max_error_px;
+    good[point] += result->inlier[k];
+  }
+  for (int i = 0; i < tracks.point_count; ++i) {
+    result->point_placed[i] = good[i] >= 2 && 2 * good[i] > seen[i];
+  }
+  for (int k = 0; k < tracks.size(); ++k) result->inlier[k] &= result->point_placed[tracks.point[k]];
+  result->rms_px = rms_error(tracks, result->scene, result->radial, result->inlier);
+}
+
+bool adjusts_one_lens(const SolveOptions& options, const UncalibratedReconstruction& result) {
+  return !result.zooming && options.method != LensMethod::kIntrinsicsFree;
+}
+
+// The end of one lens: adjusted together with its distortion.
+Result<void> finish_one_lens(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                             const SolveOptions& options, RadialChoice choice, const GrowthControl& control,
+                             VideoGrowth* growth, UncalibratedReconstruction* result) {
+  if (auto r = growth->finish(); !r) return r;
+  const auto adjusted = [&]() -> Result<OneLens> {
+    const ScopedTimer timer(result->stages["distortion"]);
+    auto lens = choice == RadialChoice::kIfSure
+                    ? adjust_one_lens_as_told(tracks, result->inlier, options, result->scene, result->radial)
+                    : adjust_one_lens(tracks, result->inlier, options,
+                                      choice == RadialChoice::kFree ? kRadialTerms : 0, result->scene,
+                                      result->radial);
+    if (!lens) return lens;
+    if (auto r = widen_by_other_weights(tracks, result->inlier, options, &*lens); !r) return r.error();
+    return lens;
+  };
+  for (int round = 0; round < 2 && !control.stopped() && !options.stopped(); ++round) {
+    if (round > 0) {  // what the distortion kept out may come in now
+      if (result->radial.none()) break;
+      const PointTracks ideal = ideal_tracks(tracks, *result);
+      if (auto r = VideoGrowth(ideal, keyframe, options, result).grow(control); !r) return r;
+    }
+    auto lens = adjusted();
+    if (!lens) return lens.error();
+    take_lens(tracks, keyframe, options, std::move(*lens), result);
+  }
+  return {};
+}
+
+// Adjusts to the end, with the distortion where there is one.
+Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
+                    RadialChoice choice, const GrowthControl& control, VideoGrowth* growth,
+                    UncalibratedReconstruction* result) {
+  return adjusts_one_lens(options, *result)
+             ? finish_one_lens(tracks, keyframe, options, choice, control, growth, result)
+             : finish_lenses(tracks, keyframe, options, choice, control, growth, result);
 }
 
 Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
@@ -230,11 +303,24 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
   return build(tracks, keyframe, options, video.radial, {progress, video.stop});
 }
 
+// To the standard deviations of the focal lengths, what is the same for all tracks.
+void add_model_error(UncalibratedReconstruction* result) {
+  for (size_t j = 0; j < result->lens_sigma.size(); ++j) {
+    for (const int focal : {0, 1}) {
+      double& sigma = result->lens_sigma[j][focal];
+      sigma = std::hypot(sigma, kModelError * result->scene.lenses[j].vector()[focal]);
+    }
+  }
+}
+
 // Standard deviations, and the images that are no key frames.
 void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
               ThreadPool* pool, UncalibratedReconstruction* result) {
   const PointTracks ideal = ideal_tracks(tracks, *result);
-  if (!options.stopped()) VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
+  if (!options.stopped() && !adjusts_one_lens(options, *result)) {
+    VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
+  }
+  add_model_error(result);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
   const ScopedTimer timer(result->stages["between"]);

@@ -12,8 +12,8 @@ namespace raysfm {
 
 enum class RadialChoice {
   kNone,   // lenses map straight lines to straight lines
-  kFree,   // one coefficient k1 for all images is estimated at the end
-  kIfSure  // the same, kept where the images leave no doubt about it
+  kFree,   // k1 and k2 of one lens are estimated at the end, k1 alone, for all images, where it zooms
+  kIfSure  // the same, each kept where the images leave no doubt about it
 };
 
 // What reconstruct_video() takes beside what is common to all images.

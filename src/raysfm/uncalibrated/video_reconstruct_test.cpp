@@ -107,6 +107,21 @@ TEST(ReconstructVideo, DistortionIsFoundWithItsStandardDeviation) {
   EXPECT_GT(worst_focal_error_of_posed(walk, *without), 0.01);
 }
 
+// Images that an adjustment left out, or that came in with the distortion, have the lens of all, too.
+TEST(ReconstructVideo, OneLensHasOneStandardDeviation) {
+  const Walk walk = make_walk(60, 0, 0.2, -0.1);
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, {}, {.radial = RadialChoice::kIfSure});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  ASSERT_FALSE(result->zooming);
+  const auto first = std::ranges::find(result->image_posed, 1) - result->image_posed.begin();
+  for (size_t j = first; j < walk.truth.lenses.size(); ++j) {
+    if (!result->image_posed[j]) continue;
+    const LensVector difference = result->scene.lenses[j].vector() - result->scene.lenses[first].vector();
+    EXPECT_LT(difference.norm(), 1e-9) << j;
+    EXPECT_LT((result->lens_sigma[j] - result->lens_sigma[first]).norm(), 1e-9) << j;
+  }
+}
+
 TEST(ReconstructVideo, NoDistortionIsFoundWhereThereIsNone) {
   const Walk walk = make_walk(60, 0, 0.2);
   const auto sure = reconstruct_video(walk.tracks, walk.keyframe, {});

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "raysfm/core/result.h"
+#include "raysfm/lenses/lens_adjustment.h"
+#include "raysfm/uncalibrated/reconstruct.h"
+
+namespace raysfm {
+
+// The numbers of a lens and its distortion: fx, fy, cx, cy, skew, k1, k2.
+using LensNumbers = Eigen::Matrix<double, 7, 1>;
+
+// One lens for all images, adjusted together with its distortion.
+struct OneLens {
+  UncalibratedScene scene;
+  RadialDistortion radial;
+  int terms = 0;  // coefficients of it that are unknowns
+  LensAdjustmentSummary adjustment;
+  LensNumbers sigma = LensNumbers::Zero();  // standard deviations
+};
+
+// Adjusts poses, points, one lens and so many coefficients of its distortion, k1 before k2, from `start`, by
+// the observations marked `used`. Corners followed through a video are mostly right to a tenth of a pixel and
+// now and then wrong by pixels, all of a track together: the weights of the tracks are those of Student's
+// distribution, one scale for each track, its width found from the residuals.
+//
+// The standard deviations are those of the influences of independent groups of observations: tracks, or all
+// tracks that begin in one image and live through the same images, whichever is more. Errors along a track,
+// which are alike, do not count as many.
+Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8_t> used,
+                                const SolveOptions& options, int radial_terms, const UncalibratedScene& start,
+                                const RadialDistortion& radial = {});
+
+// The same with as many coefficients as the images tell. What a coefficient that they do not tell would
+// change of the lens is in its standard deviations.
+Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<const uint8_t> used,
+                                        const SolveOptions& options, const UncalibratedScene& start,
+                                        const RadialDistortion& radial = {});
+
+// Adds to the standard deviations, in squares, by how much the lens is another where single observations and
+// not tracks are judged, by Huber's loss. Where the model holds both find the same lens but for noise; what
+// is between them tells of errors that are no noise (Hausman, Econometrica 46(6), 1978).
+Result<void> widen_by_other_weights(const PointTracks& tracks, std::span<const uint8_t> used,
+                                    const SolveOptions& options, OneLens* lens);
+
+}  // namespace raysfm
