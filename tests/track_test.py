@@ -21,6 +21,7 @@ cameras:
 OUTPUT = ["trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "report.json", "config.yaml",
           "sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"]
 NOBODY = 65534
+SHARED = pathlib.Path(os.environ.get("RAYSFM_SHARED_DATA", pathlib.Path(__file__).resolve().parents[2] / "shared" / "data"))
 STREET = None  # a sequence of 60 frames, 512 x 384 pixels
 
 
@@ -169,6 +170,28 @@ class Success(TrackTest):
             if path.is_file():
                 self.assertEqual(path.read_bytes(), (sequence / path.relative_to(STREET)).read_bytes(), path)
         self.assertEqual(self.track(sequence, out=sequence).returncode, 0)
+
+    def test_refined_camera_file(self):
+        """A calibration that lacks a distortion is written as refined, and leaves the given file alone."""
+        source = SHARED / "kitti07-mono"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        self.assertEqual(self.track(source).returncode, 0)
+        numbers = json.loads((self.out / "report.json").read_text())["calibration"]
+        k1 = next(n for n in numbers if n["name"] == "k1")
+        self.assertTrue(k1["told"])
+        self.assertEqual(k1["given"], 0)
+        self.assertGreater(k1["refined"], 0.01)
+        self.assertIn(f"k1: {k1['refined']}", (self.out / "camera.yaml").read_text())
+        self.assertIn("camera.yaml", json.loads((self.out / "report.json").read_text())["files"])
+        kept = self.folder / "kept"
+        self.assertEqual(self.track(source, "--refine-lens", "off", out=kept).returncode, 0)
+        self.assertFalse((kept / "camera.yaml").exists())
+        beside = self.folder / "camera.yaml"
+        beside.write_bytes((source / "camera.yaml").read_bytes())
+        self.assertEqual(self.track(source, "--camera", beside, out=self.folder).returncode, 0)
+        self.assertEqual(beside.read_bytes(), (source / "camera.yaml").read_bytes())
+        self.assertTrue((self.folder / "camera-refined.yaml").exists())
 
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -8,6 +9,8 @@
 #include "commands.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
+#include "raysfm/camera_files/camera_file.h"
+#include "raysfm/files/atomic_file.h"
 #include "raysfm/results/output_folder.h"
 #include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
@@ -60,6 +63,18 @@ Result<void> prepare_output(const TrackSettings& settings, const std::string& ou
   return prepare_output_folder(out);
 }
 
+// The camera file as refined: of another name where the given one lies in the same folder.
+std::vector<ResultFile> refined_camera(const Reconstruction& r, const TrackSettings& settings,
+                                       const std::string& out) {
+  const auto is_refined = [](const CalibrationNumber& n) { return n.refined != n.given; };
+  if (std::ranges::none_of(r.calibration, is_refined)) return {};
+  std::vector<std::string> given = {settings.camera};
+  for (const std::string& input : settings.inputs) given.push_back(input + "/camera.yaml");
+  const Result<void> is_free = check_not_input("--out", std::filesystem::path(out) / "camera.yaml", given);
+  return {{is_free ? "camera.yaml" : "camera-refined.yaml",
+           [&r](const auto& path) { return write_camera_file(r.rig, path); }}};
+}
+
 // The exit code of a run that has written its result, or why there was none to write.
 Result<int> outcome(const TrackResult& result, bool written, const std::string& out,
                     const StopSignals& stop) {
@@ -84,8 +99,9 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   printer.finish();
   if (!result) return result.error();
   result->report.version = RAYSFM_VERSION;
-  const Result<bool> written = write_output_folder(result->reconstruction, result->report,
-                                                   effective_config(settings, RAYSFM_VERSION), arguments.out);
+  const Result<bool> written =
+      write_output_folder(result->reconstruction, result->report, effective_config(settings, RAYSFM_VERSION),
+                          arguments.out, refined_camera(result->reconstruction, settings, arguments.out));
   if (!written) return written.error();
   if (!common.quiet && *written) print_summary(*result, arguments.out);
   return outcome(*result, *written, arguments.out, stop);

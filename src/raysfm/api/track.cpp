@@ -98,6 +98,8 @@ Result<void> choose_methods(TrackSettings* settings) {
       {"auto", GenericStartMethod::kAuto},
       {"five-point", GenericStartMethod::kCentral},
       {"pless", GenericStartMethod::kSeventeenPoint}};
+  static constexpr std::pair<std::string_view, LensRefinement> kRefinements[] = {
+      {"auto", LensRefinement::kAuto}, {"on", LensRefinement::kOn}, {"off", LensRefinement::kOff}};
   const auto choose = [](const auto& table, const char* flag, const std::string& name,
                          auto* value) -> Result<void> {
     for (const auto& [known, method] : table) {
@@ -106,7 +108,8 @@ Result<void> choose_methods(TrackSettings* settings) {
     return bad_input(fmt::format("{} = {}: unknown; see --help", flag, name));
   };
   if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
-  return choose(kStarts, "--start", settings->start, &settings->odometry.start);
+  if (auto r = choose(kStarts, "--start", settings->start, &settings->odometry.start); !r) return r;
+  return choose(kRefinements, "--refine-lens", settings->refine_lens, &settings->odometry.refine_lens);
 }
 
 // A segment that lasted until a signal came did not end for want of input.
@@ -125,7 +128,8 @@ Report make_report(const TrackSettings& settings, const Tracker& tracker, const 
   report.error = tracker.rig().angular() ? "angular" : "pixel";
   report.stages = {{"decode", decode},       {"detect", t.detect}, {"start", t.start},
                    {"match", t.match},       {"pose", t.pose},     {"align", t.align},
-                   {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"frame", t.frame}};
+                   {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"calibrate", t.calibrate},
+                   {"frame", t.frame}};
   return report;
 }
 
@@ -133,6 +137,17 @@ Report make_report(const TrackSettings& settings, const Tracker& tracker, const 
 std::string camera_source(const TrackSettings& settings, const Input& input) {
   if (!settings.camera.empty()) return settings.camera;
   return input.calibration_file ? input.calibration_file->string() : settings.inputs[0];
+}
+
+std::string changes_in(const std::vector<CalibrationNumber>& numbers) {
+  std::string text;
+  for (const CalibrationNumber& n : numbers) {
+    if (n.refined == n.given) continue;
+    const std::string camera = n.camera > 0 ? fmt::format("camera {} ", n.camera) : "";
+    text += fmt::format("{}{}{} {:.6g} instead of {:.6g} (sigma {:.2g})", text.empty() ? "" : ", ", camera,
+                        n.name, n.refined, n.given, n.sigma);
+  }
+  return text.empty() ? "the given one" : text;
 }
 
 // Puts into words what the user is told as it happens.
@@ -148,6 +163,16 @@ class Narrator : public TrackerObserver {
   }
   void start_refused(const StartRefused& e) override {
     tell(event_, Event::Level::kWarning, fmt::format("no start yet: {}", e.reason));
+  }
+  void calibration_refined(const CalibrationRefined& e) override {
+    const std::string text = changes_in(e.numbers);
+    if (e.contradicts) {
+      tell(event_, Event::Level::kWarning,
+           fmt::format("the given calibration is that of another lens; at frame {} goes on with {}", e.frame,
+                       text));
+    } else {
+      tell(event_, Event::Level::kInfo, fmt::format("calibration refined at frame {}: {}", e.frame, text));
+    }
   }
   void track_lost(const TrackLost& e) override {
     tell(event_, Event::Level::kWarning, fmt::format("track lost at frame {}: {}", e.frame, e.reason));

@@ -14,13 +14,14 @@ namespace raysfm {
 // What `raysfm track` is told. Field names are those of the command line and of --config.
 struct TrackSettings {
   std::vector<std::string> inputs;
-  std::string camera;          // path; empty: taken from the input's layout
-  double fps = 0;              // frames per second of inputs without timestamps; 0: unknown
-  bool mono = false;           // only the first camera of a rig
-  int threads = 0;             // 0: as many as the machine has; never changes a result
-  std::string error = "auto";  // "auto", "pixel", "angular" or "angular-plain"; sets odometry.error
-  std::string start = "auto";  // "auto", "five-point" or "pless"; sets odometry.start
-  std::string final = "none";  // "none" or "global": adjustment of everything at the end
+  std::string camera;                // path; empty: taken from the input's layout
+  double fps = 0;                    // frames per second of inputs without timestamps; 0: unknown
+  bool mono = false;                 // only the first camera of a rig
+  int threads = 0;                   // 0: as many as the machine has; never changes a result
+  std::string error = "auto";        // "auto", "pixel", "angular" or "angular-plain"; sets odometry.error
+  std::string start = "auto";        // "auto", "five-point" or "pless"; sets odometry.start
+  std::string refine_lens = "auto";  // "auto", "on" or "off"; sets odometry.refine_lens
+  std::string final = "none";        // "none" or "global": adjustment of everything at the end
   OdometryOptions odometry;
 };
 

@@ -35,21 +35,6 @@ OriginGradient log_scale(const BundleProblem& problem) {
   return centred / centred.squaredNorm();
 }
 
-// The pose farthest from one that stays.
-ScalePrior hold(const BundleProblem& problem) {
-  const auto is_free = [&](int i) { return problem.pose_is_free[i] != 0; };
-  ScalePrior prior{.pose = -1, .from = 0, .distance = 0, .weight = kRegularising};
-  const int count = static_cast<int>(problem.rig_from_world.size());
-  while (prior.from < count && is_free(prior.from)) ++prior.from;
-  if (prior.from == count) return prior;
-  for (int i = 0; i < count; ++i) {
-    const double distance =
-        (origin(problem.rig_from_world[i]) - origin(problem.rig_from_world[prior.from])).norm();
-    if (is_free(i) && distance > prior.distance) prior.pose = i, prior.distance = distance;
-  }
-  return prior;
-}
-
 // The logarithm of the distance that the prior holds.
 OriginGradient log_distance(const BundleProblem& problem) {
   const ScalePrior& prior = problem.scale_prior;
@@ -66,7 +51,7 @@ class Estimator {
       : problem_(problem), options_(options) {}
 
   std::optional<ScaleEstimate> run() {
-    problem_.scale_prior = hold(problem_);
+    problem_.scale_prior = hold_present_scale(problem_, kRegularising);
     if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return std::nullopt;
     const double cost = core_.linearize();
     const OriginGradient held = log_distance(problem_), wanted = log_scale(problem_);
@@ -163,6 +148,20 @@ class Estimator {
 };
 
 }  // namespace
+
+ScalePrior hold_present_scale(const BundleProblem& problem, double weight) {
+  const auto is_free = [&](int i) { return problem.pose_is_free.empty() || problem.pose_is_free[i] != 0; };
+  ScalePrior prior{.pose = -1, .from = 0, .distance = 0, .weight = weight};
+  const int count = static_cast<int>(problem.rig_from_world.size());
+  while (prior.from < count && is_free(prior.from)) ++prior.from;
+  if (prior.from == count) return prior;
+  for (int i = 0; i < count; ++i) {
+    const double distance =
+        (origin(problem.rig_from_world[i]) - origin(problem.rig_from_world[prior.from])).norm();
+    if (is_free(i) && distance > prior.distance) prior.pose = i, prior.distance = distance;
+  }
+  return prior;
+}
 
 std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options) {
   if (!is_valid(problem, options) || !problem.lenses.empty() || problem.pose_is_free.empty())

@@ -13,6 +13,10 @@ struct ScaleEstimate {
   double sigma = 0;  // standard deviation of the logarithm of the former
 };
 
+// Holds the scale where it is: the present distance of the pose farthest from the first that is not free. No
+// prior (pose -1) where every pose is free or none is elsewhere.
+ScalePrior hold_present_scale(const BundleProblem& problem, double weight);
+
 // From one linearisation of a problem of cameras or rays at a state near its minimum, but for the scale: seen
 // along rays of different origins, the residuals are nearly linear in the inverse of the scale, so that the
 // state may be at a multiple of it. One pose at least must not be free, and no point fixed;

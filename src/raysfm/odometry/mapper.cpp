@@ -23,6 +23,18 @@ const BundleOptions kAdjustment{.loss = kLoss, .max_iterations = 50, .min_relati
 // step does for accuracy but loses more of fr1-rpy; to end at a decrease of 1e-3 costs kitti00-small 5 %.
 const BundleOptions kFirstSteps{.loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-4};
 const BundleOptions kLocalAdjustment{.loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-4};
+// Another calibration moves a map along its weakest directions, such as the scale along a path: that costs
+// next to nothing and would take hundreds of steps if these were damped. With 1e-7 a path of 700 m kept half
+// of a drift of its scale, with 1e-9 to 1e-13 none of it.
+constexpr double kLittleDamping = 1e-10;
+const BundleOptions kFirstAdaption{
+    .loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
+const BundleOptions kAdaption{
+    .loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-4, .initial_damping = kLittleDamping};
+const BundleOptions kFirstWholeAdaption{
+    .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
+const BundleOptions kWholeAdaption{
+    .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
@@ -456,6 +468,32 @@ void Mapper::adjust_locally(Map* map) {
   adjust(
       local_window(count, {options_.free_cameras, options_.window, all_is_due ? options_.global_until : 0}),
       kFirstSteps, kLocalAdjustment, map);
+}
+
+void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
+  for (MapKeyFrame& k : map->keyframes) {
+    for (int f = 0; f < static_cast<int>(k.rays.size()); ++f) {
+      if (!rig_.observe(k.cameras[f], k.pixels[f], &k.rays[f])) k.inliers[f] = 0;
+    }
+  }
+  gather(map, std::max(0, first - options_.window), first);
+  BundleProblem problem = window_problem(*map);
+  if (rig_.central() && first == 0) problem.scale_prior = present_extent();
+  if (to_the_end) {
+    adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
+  } else {
+    adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
+  }
+  scatter(first, map);
+}
+
+// Holds the scale that nothing tells, which steps of little damping would change at random.
+ScalePrior Mapper::present_extent() const {
+  constexpr double kHold = 1e4;
+  const Eigen::Vector3d first = window_poses_.front().inverse().translation;
+  const double distance = (window_poses_.back().inverse().translation - first).norm();
+  if (!(distance > 0)) return {};
+  return {static_cast<int>(window_poses_.size()) - 1, 0, distance, kHold};
 }
 
 void Mapper::adjust_globally(Map* map) {

@@ -42,6 +42,10 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
+  // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
+  // with: in a few steps, or until a long map converges.
+  void adapt_to_cameras(int first, bool to_the_end, Map* map);
+
   // Measures the scale of the map and its standard deviation, where rays have different origins.
   void measure_scale(Map* map);
 
@@ -71,6 +75,7 @@ class Mapper {
   void choose_window(const Map& map, int first_observed);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
+  ScalePrior present_extent() const;
   void scatter(int first_free, Map* map);
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
 

@@ -44,6 +44,15 @@ struct MapAdjusted {
   double rescaled = 1;  // lengths of the world now by those before
 };
 
+// What was seen tells a better calibration than the given one, and poses of the world hold with that from now
+// on. Those of other worlds, and of frames long ago, follow at the end.
+struct CalibrationRefined {
+  int frame = 0;  // the newest
+  int world = 0;
+  std::vector<CalibrationNumber> numbers;  // all that are looked at
+  bool contradicts = false;                // it is that of another lens
+};
+
 // Too little of the map was found in a frame.
 struct TrackLost {
   int frame = 0;
@@ -67,6 +76,7 @@ class TrackerObserver {
   virtual void start_refused(const StartRefused&) {}
   virtual void keyframe_added(const KeyFrameAdded&) {}
   virtual void map_adjusted(const MapAdjusted&) {}
+  virtual void calibration_refined(const CalibrationRefined&) {}
   virtual void track_lost(const TrackLost&) {}
   virtual void track_found(const TrackFound&) {}
 };

@@ -92,7 +92,8 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       observer_(observer != nullptr ? observer : &nobody()),
       maker_(maker),
       localiser_(rig_, options_),
-      mapper_(rig_, options_) {
+      mapper_(rig_, options_),
+      refiner_(rig_.rig(), options_.refine_lens) {
   starter_.emplace(rig_, options_);
 }
 
@@ -181,6 +182,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     settle_until(views.front().frame);
   }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
+  segment().calibration = calibration_;
   observer_->world_started({world(), start.summary});
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
@@ -408,6 +410,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
+  refine_calibration(world(), false);
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
@@ -556,9 +559,11 @@ Reconstruction Odometry::finish(bool final_global) {
       }
     }
   }
+  for (size_t s = 0; s < segments_.size(); ++s) refine_calibration(static_cast<int>(s), true);
   release_views();
-  if (final_global) {
-    for (SegmentState& s : segments_) mapper_.adjust_globally(&s.map);
+  for (size_t s = 0; s < segments_.size(); ++s) {
+    if (segments_[s].calibration != calibration_) adapt(static_cast<int>(s), 0);
+    if (final_global) mapper_.adjust_globally(&segments_[s].map);
   }
   for (size_t s = 0; s < segments_.size(); ++s) {
     Map& map = segments_[s].map;
@@ -585,8 +590,9 @@ void Odometry::release_views() {
 }
 
 OdometryTimings Odometry::timings() const {
-  return {detect_timing_,          start_timing_,           localiser_.match_timing, localiser_.pose_timing,
-          localiser_.align_timing, mapper_.keyframe_timing, mapper_.adjust_timing,   frame_timing_};
+  return {detect_timing_,         start_timing_,           localiser_.match_timing,
+          localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,
+          mapper_.adjust_timing,  calibrate_timing_,       frame_timing_};
 }
 
 }  // namespace raysfm

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/calibration/calibration_refiner.h"
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/odometry/observer.h"
@@ -20,7 +21,7 @@ namespace raysfm {
 // Time of each stage, one entry for each frame that it was needed in. `frame` is all of a frame's but
 // decoding.
 struct OdometryTimings {
-  StageTiming detect, start, match, pose, align, keyframe, adjust, frame;
+  StageTiming detect, start, match, pose, align, keyframe, adjust, calibrate, frame;
 };
 
 enum class TrackingState : uint8_t {
@@ -63,7 +64,8 @@ class Odometry {
   // What is known now.
   Reconstruction snapshot() const;
 
-  // Poses of frames before it do not move any more, but by a final adjustment and with the scale of a rig.
+  // Poses of frames before it do not move any more, but by a final adjustment, by a calibration that is
+  // refined and with the scale of a rig.
   int first_movable_frame() const { return settled_before_; }
 
   OdometryTimings timings() const;
@@ -88,6 +90,7 @@ class Odometry {
     std::vector<KeyFrameView> views;
     StartSummary start;
     std::string end_reason = "end of input";
+    int calibration = 0;  // number of the one that all of its map was adjusted with
   };
   // The newest posed view: where the next prediction starts, and the next key frame.
   struct Previous {
@@ -130,6 +133,9 @@ class Odometry {
   bool needs_keyframe(const Localisation& pose) const;
   double promote(const ViewPtr& view, const Localisation& pose);
   void rescale_frames(int segment, double factor);
+  void refine_calibration(int segment, bool last);
+  void adapt(int segment, int first_keyframe);
+  void carry_frames(int segment, const std::vector<Rigid3>& before);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
   void record(int frame, const Localisation& pose, int keyframe);
@@ -151,6 +157,7 @@ class Odometry {
   Localiser localiser_;
   Mapper mapper_;
   Relocaliser relocaliser_;  // of the newest segment
+  CalibrationRefiner refiner_;
   std::optional<Starter> starter_;
   std::deque<SegmentState> segments_;
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
@@ -161,7 +168,8 @@ class Odometry {
   double anchor_distance_ = 0;  // median distance of these points from it
   int posed_ = 0;
   int settled_before_ = 0;
-  StageTiming detect_timing_, start_timing_, frame_timing_;
+  int calibration_ = 0;  // counts those taken over
+  StageTiming detect_timing_, start_timing_, calibrate_timing_, frame_timing_;
   double detected_ms_ = 0;  // during the present frame
 };
 

@@ -38,6 +38,7 @@ Reconstruction Odometry::snapshot() const {
 Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   Reconstruction out;
   out.rig = rig_.rig();
+  out.calibration = refiner_.numbers();
   out.frames.reserve(frames_.size());
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();

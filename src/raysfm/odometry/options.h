@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "raysfm/calibration/calibration_refiner.h"
 #include "raysfm/core/result.h"
 #include "raysfm/robust/generic_start.h"
 #include "raysfm/views/tracking_rig.h"
@@ -18,6 +19,7 @@ struct OdometryOptions {
   int min_matches3 = 300;  // M' of 2.2
   ErrorMeasure error = ErrorMeasure::kAuto;
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
+  LensRefinement refine_lens = LensRefinement::kAuto;
   uint64_t seed = 0;
 };
 

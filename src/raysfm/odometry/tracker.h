@@ -28,7 +28,8 @@ struct TrackerOptions {
 // pose when push() returns. One thread calls; the work is done in these calls and nowhere else.
 //
 // Poses of frames from first_movable_frame() on may still move, as later frames improve the map; a rig whose
-// scale has to be measured may change the unit of length of a world as well, of which the observer hears.
+// scale has to be measured may change the unit of length of a world as well, and a calibration that is
+// refined all poses of it: the observer hears of both.
 class Tracker {
  public:
   // The sizes of the cameras are known. `observer` may be null, and outlives the tracker. Errors: bad input,
@@ -54,7 +55,8 @@ class Tracker {
 
   int frames() const { return odometry_.frames(); }
   int posed() const { return odometry_.posed(); }
-  // Frames before it keep their poses, but for finish() with a final adjustment.
+  // Frames before it keep their poses, but for finish() with a final adjustment and for a refined
+  // calibration.
   int first_movable_frame() const { return odometry_.first_movable_frame(); }
 
   // What is known now; changes nothing. Time and memory are those of a copy of the map.

@@ -49,6 +49,15 @@ void read_report(const Json& report, Reconstruction* r) {
   }
 }
 
+// Reports of version 0.1.0 have none.
+void read_calibration(const Json& report, Reconstruction* r) {
+  if (!report.contains("calibration")) return;
+  for (const Json& n : report.at("calibration")) {
+    r->calibration.push_back({n.at("camera"), n.at("name"), n.at("given"), n.at("refined"), n.at("sigma"),
+                              n.at("significance"), n.at("told")});
+  }
+}
+
 // Frames with a pose lie between those without, of which the report has the numbers.
 void place_frames(const Json& frames, std::vector<PosedFrame> posed, Reconstruction* r) {
   std::map<size_t, PosedFrame> without;
@@ -197,7 +206,10 @@ Result<Reconstruction> read_worlds(const fs::path& folder, const Json& report) {
   for (const auto& [segment, path] : worlds) {
     if (auto read = read_map(path, segment, &r); !read) return read.error();
   }
-  if (r.origin == Origin::kTrack) read_rig_json(report, &r.rig);
+  if (r.origin == Origin::kTrack) {
+    read_rig_json(report, &r.rig);
+    read_calibration(report, &r);
+  }
   return r;
 }
 

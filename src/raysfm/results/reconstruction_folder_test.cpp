@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <string>
+#include <tuple>
 
 #include "raysfm/colmap_bal/colmap_file.h"
 #include "raysfm/colmap_bal/model_reconstruction.h"
@@ -37,6 +38,7 @@ Reconstruction uneven_reconstruction(int cameras, bool two_worlds) {
   r.scale_sigma = r.segments[0].scale_sigma = 1.0 / 7;
   if (!two_worlds) return r;
   r.segments = {{0, 2, "track lost", false, 0.1}, {3, 11, "end of input", true, 1.0 / 7}};
+  r.calibration = {{0, "k1", 0, 1.0 / 3, 1.0 / 7, 5.5, true}, {0, "cx", 320.1, 320.1, 6.4, 0, false}};
   r.starts = {{"five-point", {0, 1, 2}, 20}, {"pless", {3, 6, 9}, 30}};
   for (int i = 3; i < 12; ++i) {
     if (r.frames[i].world_from_rig) r.frames[i].segment = 1;
@@ -110,6 +112,12 @@ void expect_same_report(const Reconstruction& read, const Reconstruction& r) {
     EXPECT_EQ(read.segments[s].reason, r.segments[s].reason);
     EXPECT_EQ(read.segments[s].metric_scale, r.segments[s].metric_scale);
     EXPECT_EQ(read.segments[s].scale_sigma, r.segments[s].scale_sigma);
+  }
+  ASSERT_EQ(read.calibration.size(), r.calibration.size());
+  for (size_t i = 0; i < r.calibration.size(); ++i) {
+    const CalibrationNumber &a = read.calibration[i], &b = r.calibration[i];
+    EXPECT_EQ(std::tie(a.camera, a.name, a.given, a.refined, a.sigma, a.significance, a.told),
+              std::tie(b.camera, b.name, b.given, b.refined, b.sigma, b.significance, b.told));
   }
   ASSERT_EQ(read.starts.size(), r.starts.size());
   for (size_t s = 0; s < r.starts.size(); ++s) {

@@ -104,6 +104,20 @@ Json timing_json(const Report& report) {
   return timing;
 }
 
+Json calibration_json(const std::vector<CalibrationNumber>& numbers) {
+  Json list = Json::array();
+  for (const CalibrationNumber& n : numbers) {
+    list.push_back({{"camera", n.camera},
+                    {"name", n.name},
+                    {"given", n.given},
+                    {"refined", n.refined},
+                    {"sigma", n.sigma},
+                    {"significance", n.significance},
+                    {"told", n.told}});
+  }
+  return list;
+}
+
 const char* command_of(Origin origin) {
   if (origin == Origin::kTrack) return "track";
   return origin == Origin::kSolve ? "solve" : "adjust";
@@ -164,7 +178,10 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["segments"] = segments_json(reconstruction.segments);
   json["start"] = starts.empty() ? Json() : starts.front();
   json["starts"] = starts;
-  if (reconstruction.origin == Origin::kTrack) write_rig_json(reconstruction.rig, &json);
+  if (reconstruction.origin == Origin::kTrack) {
+    write_rig_json(reconstruction.rig, &json);
+    json["calibration"] = calibration_json(reconstruction.calibration);
+  }
   if (reconstruction.origin == Origin::kSolve) write_lenses_json(reconstruction, &json);
   json["timing"] = timing_json(report);
   json["files"] = report.files;

@@ -65,6 +65,17 @@ struct StartSummary {
   int inliers = 0;          // points that survived
 };
 
+// A number of the calibration, as it was given and as the footage has it.
+struct CalibrationNumber {
+  int camera = 0;    // index into Rig::cameras
+  std::string name;  // as in the camera file; `rotation` in radians about the axes of the camera as given
+  double given = 0;
+  double refined = 0;       // the given one where it stays
+  double sigma = 0;         // standard deviation; as far as calibrations may be off where it is not told
+  double significance = 0;  // of what was found off it, in standard deviations
+  bool told = false;        // whether the footage tells it better than that
+};
+
 // The command that made a reconstruction. It decides which files the results have (results/world_writers.h).
 enum class Origin : uint8_t {
   kTrack,   // of calibrated cameras: the rig
@@ -75,9 +86,10 @@ enum class Origin : uint8_t {
 // What a video, photos, tracks or a model of another tool became: poses of frames, and the map.
 struct Reconstruction {
   Origin origin = Origin::kTrack;
-  Rig rig;
-  std::vector<FrameLens> lenses;  // where they are not the rig's; a fixed lens is one entry
-  bool metric_scale = false;      // of the segment with most posed frames
+  Rig rig;                                     // refined where `calibration` says so
+  std::vector<CalibrationNumber> calibration;  // empty: as given, nothing was refined
+  std::vector<FrameLens> lenses;               // where they are not the rig's; a fixed lens is one entry
+  bool metric_scale = false;                   // of the segment with most posed frames
   std::optional<double> scale_sigma = std::nullopt;  // likewise
   std::vector<PosedFrame> frames;                    // one per frame of the input, in time order
   std::vector<KeyFrame> keyframes;

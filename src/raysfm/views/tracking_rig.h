@@ -47,6 +47,9 @@ class TrackingRig {
   // Residuals are angular (LBA09 3.2); else they are differences of pixels.
   bool angular() const { return angular_; }
 
+  // What observe() weights residuals by.
+  AngularWeight weight() const { return weighted_ ? AngularWeight::kPixel : AngularWeight::kNone; }
+
   // The ray of an observation for angular residuals, scaled so that these are in pixels. False where the
   // pixel sees nothing.
   bool observe(int c, const Eigen::Vector2f& pixel, ObservedRay* ray) const;

@@ -193,4 +193,13 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   return out;
 }
 
+void renew_rays(const TrackingRig& rig, KeyFrameView* keyframe) {
+  for (size_t i = 0; i < keyframe->pixels.size(); ++i) {
+    Ray ray;
+    if (!rig.camera(keyframe->cameras[i]).ray(keyframe->pixels[i].cast<double>(), &ray)) continue;
+    keyframe->origins[i] = ray.origin.cast<float>();
+    keyframe->directions[i] = ray.direction.cast<float>();
+  }
+}
+
 }  // namespace raysfm

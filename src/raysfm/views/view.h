@@ -108,4 +108,7 @@ struct KeyFrameView {
 // Views and rays of a key frame's features, in the map's order.
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig);
 
+// The rays again, of cameras that are no longer those that it was made with.
+void renew_rays(const TrackingRig& rig, KeyFrameView* keyframe);
+
 }  // namespace raysfm

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "raysfm/calibration/calibration_evidence.h"
+
+namespace raysfm {
+
+// The calibration that evidence and prior make most likely.
+struct CalibrationChoice {
+  Eigen::VectorXd values;        // of RigParameters; zero where nothing is significant
+  Eigen::VectorXd sigma;         // standard deviations: of the prior where is_told is 0
+  Eigen::VectorXd significance;  // how far the evidence has it from the given one, in standard deviations
+  std::vector<uint8_t> is_told;  // 0: the evidence says little of it
+  bool contradicts = false;      // a focal length is farther off than any calibration should be
+  // How far the change from the calibration that the evidence is about moves what was observed, poses and
+  // points adapted: root mean square, in standard deviations of an observation.
+  double effect = 0;
+};
+
+// Two things keep a number as it is given. It is not told: its standard deviation is more than half of the
+// prior's. Or it is not significantly off. Those that are the least told, then the least off, are held one by
+// one, and the others are found anew.
+//
+// A focal length that is off by more than four standard deviations of its prior is another lens, of which the
+// prior says nothing: it is then ten times as wide.
+CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence);
+
+// Whether the change is worth adapting everything to it.
+bool is_worth_it(const CalibrationChoice& choice);
+
+}  // namespace raysfm

@@ -1,0 +1,110 @@
+#include "raysfm/calibration/calibration_choice.h"
+
+#include <gtest/gtest.h>
+
+namespace raysfm {
+namespace {
+
+Rig pinhole_rig() {
+  Camera camera;
+  camera.model = Pinhole{500, 500, 319.5, 239.5};
+  camera.width = 640, camera.height = 480;
+  return {{camera}};
+}
+
+enum Unknown { kFocal, kAspect, kCx, kCy, kK1, kK2 };
+
+// Evidence of independent observations of 1 standard deviation for a calibration, told within `sigma` of each
+// number: infinite where it tells nothing.
+CalibrationEvidence evidence_for(const Eigen::VectorXd& truth, const Eigen::VectorXd& sigma) {
+  CalibrationEvidence e = CalibrationEvidence::nothing(Eigen::VectorXd::Zero(truth.size()));
+  e.information = sigma.array().square().inverse().matrix().asDiagonal();
+  e.gradient = -e.information * truth;
+  e.scatter = e.information;
+  e.observations = 10000;
+  e.cost = 0.5 * 2 * e.observations;
+  return e;
+}
+
+struct ChoiceTest : testing::Test {
+  RigParameters parameters{pinhole_rig()};
+  Eigen::VectorXd truth = Eigen::VectorXd::Zero(6), sigma = Eigen::VectorXd::Constant(6, INFINITY);
+  CalibrationChoice choice() const { return choose_calibration(parameters, evidence_for(truth, sigma)); }
+};
+
+TEST_F(ChoiceTest, OrderOfUnknownsIsAsTheTestsHaveIt) {
+  const char* const names[] = {"fx", "fy", "cx", "cy", "k1", "k2"};
+  ASSERT_EQ(parameters.size(), 6);
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(parameters.name(i), names[i]);
+}
+
+TEST_F(ChoiceTest, TakesWhatIsToldAndOff) {
+  truth[kK1] = 0.02;
+  sigma[kK1] = 0.001;
+  EXPECT_NEAR(choice().values[kK1], 0.02, 1e-4);
+  EXPECT_TRUE(choice().is_told[kK1]);
+  EXPECT_FALSE(choice().is_told[kFocal]);
+  EXPECT_EQ(choice().values[kFocal], 0);
+  // The covariance of the gradient and the scatter of residuals count alike: twice the variance.
+  EXPECT_NEAR(choice().sigma[kK1], std::sqrt(2) * 0.001, 1e-5);
+  EXPECT_TRUE(is_worth_it(choice()));
+}
+
+TEST_F(ChoiceTest, KeepsWhatIsOffByNoMoreThanItsErrors) {
+  sigma[kK1] = 0.001;
+  truth[kK1] = 3.5 * std::sqrt(2) * 0.001;
+  EXPECT_TRUE(choice().is_told[kK1]);
+  EXPECT_EQ(choice().values[kK1], 0);
+  EXPECT_NEAR(choice().significance[kK1], 3.5, 0.01);
+  EXPECT_FALSE(is_worth_it(choice()));
+  truth[kK1] = 4.5 * std::sqrt(2) * 0.001;
+  EXPECT_NEAR(choice().values[kK1], truth[kK1], 0.01 * truth[kK1]);
+}
+
+// What is not told stays, even where it goes together with what is.
+TEST_F(ChoiceTest, WhatIsNotToldStaysAsGiven) {
+  CalibrationEvidence e = CalibrationEvidence::nothing(Eigen::VectorXd::Zero(6));
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(6);  // only this sum is seen
+  direction[kFocal] = 1, direction[kK1] = 1;
+  e.information = 1e8 * direction * direction.transpose();
+  e.gradient = -e.information * (0.02 * Eigen::VectorXd::Unit(6, kK1));
+  e.scatter = e.information;
+  e.observations = 10000;
+  e.cost = e.observations;
+  const CalibrationChoice c = choose_calibration(parameters, e);
+  const int told = c.is_told[kFocal] + c.is_told[kK1];
+  EXPECT_EQ(told, 1);  // one of them is held, and what the sum says goes to the other
+  EXPECT_NEAR(c.values[kFocal] + c.values[kK1], 0.02, 1e-3);
+}
+
+// Errors that go together in clusters: the scatter is larger than the information says.
+TEST_F(ChoiceTest, ErrorsThatGoTogetherCount) {
+  sigma[kK1] = 0.001;
+  truth[kK1] = 0.01;
+  CalibrationEvidence e = evidence_for(truth, sigma);
+  EXPECT_NE(choose_calibration(parameters, e).values[kK1], 0);
+  e.scatter *= 25;
+  EXPECT_EQ(choose_calibration(parameters, e).values[kK1], 0);
+}
+
+// However sure: patches are not found so well.
+TEST_F(ChoiceTest, AChangeThatMovesNextToNothingIsNotWorthIt) {
+  sigma[kK1] = 1e-6;
+  truth[kK1] = 1e-5;  // ten standard deviations
+  CalibrationEvidence e = evidence_for(truth, sigma);
+  e.observations = 10000000, e.cost = e.observations;
+  EXPECT_FALSE(is_worth_it(choose_calibration(parameters, e)));
+}
+
+TEST_F(ChoiceTest, AnotherLensIsNoticed) {
+  sigma[kFocal] = 0.003;
+  truth[kFocal] = 0.05;
+  EXPECT_FALSE(choice().contradicts);
+  EXPECT_NEAR(choice().values[kFocal], 0.05, 0.003);
+  truth[kFocal] = -0.3;
+  EXPECT_TRUE(choice().contradicts);
+  EXPECT_NEAR(choice().values[kFocal], -0.3, 0.003);
+}
+
+}  // namespace
+}  // namespace raysfm

@@ -1,0 +1,390 @@
+#include "raysfm/calibration/calibration_evidence.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <vector>
+
+#include "raysfm/bundle/bundle_core.h"
+#include "raysfm/bundle/scale_estimate.h"
+#include "raysfm/camera/camera_class.h"
+#include "raysfm/geometry/rotation.h"
+
+namespace raysfm {
+namespace {
+
+// Weight that holds the logarithm of the scale: of central cameras, whose scale nothing tells; and of others,
+// where it is next to nothing.
+constexpr double kHoldCentral = 1e4, kHold = 1;
+constexpr double kRounding = 1e-6;
+constexpr int kFewUnknowns = 8;  // of one camera
+
+// Derivatives of residuals by the parameters, and how these move with poses and points: all by rows of
+// `Width` numbers, of which what exceeds the number of parameters is zero.
+template <int Width>
+class Measurement {
+ public:
+  Measurement(const BundleProblem& problem, const BundleOptions& options, const RigParameters& parameters,
+              const Eigen::VectorXd& values, AngularWeight weight)
+      : problem_(problem),
+        options_(options),
+        parameters_(parameters),
+        values_(values),
+        weight_(weight),
+        width_(Width == Eigen::Dynamic ? parameters.size() : Width) {}
+
+  std::optional<CalibrationEvidence> run() {
+    const bool is_central = camera_class(parameters_.given()) == CameraClass::kCentral;
+    problem_.scale_prior = hold_present_scale(problem_, is_central ? kHoldCentral : kHold);
+    if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return std::nullopt;
+    core_.linearize();
+    if (!core_.solve(0).valid) return std::nullopt;
+    number_unknowns();
+    place_cameras();
+    differentiate();
+    const Eigen::VectorXd most = information().diagonal();
+    mix();
+    respond();
+    eliminate();
+    CalibrationEvidence evidence = collect();
+    // Poses and points can only take from what is told: where they add, the equations are all but singular.
+    const bool is_sound = (evidence.information.diagonal().array() <= (1 + kRounding) * most.array()).all();
+    if (!is_sound || !evidence.scatter.allFinite()) return std::nullopt;
+    return evidence;
+  }
+
+ private:
+  template <int Rows>
+  using Block = Eigen::Matrix<double, Rows, Width, Eigen::RowMajor>;
+  template <int Rows>
+  using BlockMap = Eigen::Map<Block<Rows>>;
+
+  // One observation in use, divided by its standard deviation.
+  struct Term {
+    int observation = 0;      // of the problem
+    int pose = 0, point = 0;  // of the system; pose -1: does not move
+    double weight = 0;
+    Eigen::Vector2d residual = {};
+    Eigen::Matrix<double, 2, 6> by_pose;
+    Eigen::Matrix<double, 2, 3> by_point;
+  };
+  // A camera with one parameter changed, or none.
+  struct Placed {
+    Camera camera;
+    Eigen::Matrix3d cam_from_rig;
+    Eigen::Vector3d rig_in_cam;
+    int parameter;
+    double inverse_step;
+  };
+
+  template <int Rows>
+  BlockMap<Rows> rows(std::vector<double>& all, int i) {
+    return BlockMap<Rows>(&all[static_cast<size_t>(Rows) * width_ * i], Rows, width_);
+  }
+  BlockMap<2> by_parameters(size_t term) { return rows<2>(by_parameters_, static_cast<int>(term)); }
+  BlockMap<6> pose_rows(int pose) { return rows<6>(pose_rows_, pose); }
+  BlockMap<3> point_rows(int point) { return rows<3>(point_rows_, point); }
+
+  void number_unknowns() {
+    const ObservationLayout& layout = core_.layout();
+    pose_number_.assign(problem_.rig_from_world.size(), -1);
+    point_number_.assign(problem_.points.size(), -1);
+    for (size_t i = 0; i < layout.poses.size(); ++i) pose_number_[layout.poses[i]] = static_cast<int>(i);
+    for (size_t p = 0; p < layout.points.size(); ++p) point_number_[layout.points[p]] = static_cast<int>(p);
+  }
+
+  static Placed place(const Camera& camera, int parameter, double step) {
+    const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
+    return {camera, cam_from_rig.rotation.toRotationMatrix(), cam_from_rig.translation, parameter, 1 / step};
+  }
+
+  void place_cameras() {
+    for (const Camera& camera : parameters_.rig(values_).cameras) present_.push_back(place(camera, -1, 1));
+    moved_.resize(present_.size());
+    for (int j = 0; j < parameters_.size(); ++j) {
+      Eigen::VectorXd moved = values_;
+      moved[j] += parameters_[j].step;
+      const Rig rig = parameters_.rig(moved);
+      for (size_t c = 0; c < present_.size(); ++c) {
+        if (parameters_.concerns(j, static_cast<int>(c)))
+          moved_[c].push_back(place(rig.cameras[c], j, parameters_[j].step));
+      }
+    }
+  }
+
+  void differentiate() {
+    std::vector<Eigen::Matrix3d> rotations;
+    for (const Rigid3& p : problem_.rig_from_world) rotations.push_back(p.rotation.toRotationMatrix());
+    by_parameters_.assign(2 * static_cast<size_t>(width_) * problem_.observations.size(), 0.0);
+    terms_.reserve(problem_.observations.size());
+    for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
+      if (!problem_.is_inlier.empty() && !problem_.is_inlier[i]) continue;
+      const BundleObservation& o = problem_.observations[i];
+      if (point_number_[o.point] < 0) continue;
+      const Eigen::Vector3d x =
+          rotations[o.pose] * problem_.points[o.point] + problem_.rig_from_world[o.pose].translation;
+      Term t;
+      t.observation = i;
+      t.pose = pose_number_[o.pose];
+      t.point = point_number_[o.point];
+      Eigen::Matrix<double, 2, 3> by_x;
+      BlockMap<2> by_parameters = this->by_parameters(terms_.size());
+      if (!(problem_.rays.empty() ? differentiate_pixel(o, x, &t, &by_x, by_parameters)
+                                  : differentiate_angle(i, x, &t, &by_x, by_parameters))) {
+        by_parameters.setZero();
+        continue;
+      }
+      const double scale = problem_.sigmas.empty() ? 1.0 : 1 / problem_.sigmas[i];
+      t.residual *= scale;
+      by_x *= scale;
+      by_parameters *= scale;
+      t.weight = options_.loss.weight(t.residual.squaredNorm());
+      t.by_pose << by_x, -by_x * skew(x);
+      t.by_point.noalias() = by_x * rotations[o.pose];
+      terms_.push_back(t);
+    }
+  }
+
+  bool differentiate_pixel(const BundleObservation& o, const Eigen::Vector3d& x, Term* t,
+                           Eigen::Matrix<double, 2, 3>* by_x, BlockMap<2> by_parameters) const {
+    const Placed& present = present_[o.camera];
+    Eigen::Vector2d pixel, moved;
+    Eigen::Matrix<double, 2, 3> by_x_in_cam;
+    if (!present.camera.project(present.cam_from_rig * x + present.rig_in_cam, &pixel, &by_x_in_cam))
+      return false;
+    by_x->noalias() = by_x_in_cam * present.cam_from_rig;
+    t->residual = pixel - o.pixel;
+    for (const Placed& p : moved_[o.camera]) {
+      if (!p.camera.project(p.cam_from_rig * x + p.rig_in_cam, &moved)) return false;
+      by_parameters.col(p.parameter) = (moved - pixel) * p.inverse_step;
+    }
+    return t->residual.allFinite();
+  }
+
+  // What a residual is in pixels depends on the calibration as well.
+  bool differentiate_angle(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
+                           BlockMap<2> by_parameters) const {
+    if (weight_ == AngularWeight::kNone) return differentiate_plain_angle(i, x, t, by_x, by_parameters);
+    const BundleObservation& o = problem_.observations[i];
+    if (!problem_.rays[i].residual(x, &t->residual, by_x)) return false;
+    ObservedRay moved_ray;
+    Eigen::Vector2d moved;
+    for (const Placed& p : moved_[o.camera]) {
+      if (!observe_ray(p.camera, o.pixel, weight_, &moved_ray) || !moved_ray.residual(x, &moved))
+        return false;
+      by_parameters.col(p.parameter) = (moved - t->residual) * p.inverse_step;
+    }
+    return true;
+  }
+
+  // The axes of a plain angle are any: the observed ray moves and they stay, orthogonal to it but for what is
+  // small of the second order.
+  bool differentiate_plain_angle(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
+                                 BlockMap<2> by_parameters) const {
+    const ObservedRay& ray = problem_.rays[i];
+    if (!ray.residual(x, &t->residual, by_x)) return false;
+    const BundleObservation& o = problem_.observations[i];
+    const double depth = ray.direction.dot(x - ray.origin);
+    Ray present, moved;
+    if (!ray_in_rig(present_[o.camera].camera, o.pixel, &present)) return false;
+    for (const Placed& p : moved_[o.camera]) {
+      if (!ray_in_rig(p.camera, o.pixel, &moved)) return false;
+      const Eigen::Vector3d motion =
+          moved.direction - present.direction + (moved.origin - present.origin) / depth;
+      by_parameters.col(p.parameter) = -ray.tangents * motion * p.inverse_step;
+    }
+    return true;
+  }
+
+  static bool ray_in_rig(const Camera& camera, const Eigen::Vector2d& pixel, Ray* ray) {
+    if (!camera.ray(pixel, ray)) return false;
+    ray->origin = camera.rig_from_cam * ray->origin;
+    ray->direction = camera.rig_from_cam.rotation * ray->direction;
+    return true;
+  }
+
+  Eigen::MatrixXd information() {
+    Eigen::Matrix<double, Width, Width> sum = Eigen::MatrixXd::Zero(width_, width_);
+    for (size_t k = 0; k < terms_.size(); ++k) {
+      const BlockMap<2> d = by_parameters(k);
+      sum.noalias() += (terms_[k].weight * d).transpose() * d;
+    }
+    return sum.topLeftCorner(parameters_.size(), parameters_.size());
+  }
+
+  // What each term says of parameters and poses, and of parameters and points, together.
+  void mix() {
+    pose_rows_.assign(6 * static_cast<size_t>(width_) * core_.system().pose_count(), 0.0);
+    point_rows_.assign(3 * static_cast<size_t>(width_) * core_.system().point_count(), 0.0);
+    Block<2> weighted(2, width_);
+    for (size_t k = 0; k < terms_.size(); ++k) {
+      const Term& t = terms_[k];
+      weighted = t.weight * by_parameters(k);
+      point_rows(t.point).noalias() += t.by_point.transpose() * weighted;
+      if (t.pose >= 0) pose_rows(t.pose).noalias() += t.by_pose.transpose() * weighted;
+    }
+  }
+
+  // Puts in the place of the former how poses and points move with the parameters: the solutions of the
+  // normal equations, the points eliminated as in SchurSystem.
+  void respond() {
+    SchurSystem<6>& system = core_.system();
+    for (int p = 0; p < system.point_count(); ++p) {
+      BlockMap<3> b = point_rows(p);
+      b = (inverse_factor(p) * b).eval();
+      for (int s = system.point_begin(p); s < system.point_begin(p + 1); ++s) {
+        pose_rows(system.pose_of_slot(s)).noalias() -= scaled_cross(s) * b;
+      }
+    }
+    std::vector<double> column(6 * static_cast<size_t>(system.pose_count()));
+    for (int j = 0; j < parameters_.size(); ++j) {
+      for (size_t r = 0; r < column.size(); ++r) column[r] = pose_rows_[width_ * r + j];
+      system.solve_reduced(column);
+      for (size_t r = 0; r < column.size(); ++r) pose_rows_[width_ * r + j] = column[r];
+    }
+    for (int p = 0; p < system.point_count(); ++p) {
+      BlockMap<3> b = point_rows(p);
+      for (int s = system.point_begin(p); s < system.point_begin(p + 1); ++s) {
+        b.noalias() -= scaled_cross(s).transpose() * pose_rows(system.pose_of_slot(s));
+      }
+      b = (inverse_factor(p).transpose() * b).eval();
+    }
+  }
+
+  Eigen::Matrix3d inverse_factor(int point) {
+    const double* l = core_.system().point_factor(point);
+    Eigen::Matrix3d factor;
+    factor << l[0], 0, 0, l[1], l[2], 0, l[3], l[4], l[5];
+    return factor;
+  }
+
+  Eigen::Matrix<double, 6, 3> scaled_cross(int slot) {
+    const double* z = core_.system().scaled(slot);
+    Eigen::Matrix<double, 6, 3> cross;
+    for (int r = 0; r < 6; ++r) {
+      for (int k = 0; k < 3; ++k) cross(r, k) = z[cross_place(r, k)];
+    }
+    return cross;
+  }
+
+  // Takes from each term's derivatives by the parameters what poses and points make up for, and from its
+  // residual what they still can.
+  void eliminate() {
+    SchurSystem<6>& system = core_.system();
+    for (size_t k = 0; k < terms_.size(); ++k) {
+      Term& t = terms_[k];
+      BlockMap<2> effective = by_parameters(k);
+      effective.noalias() -= t.by_point * point_rows(t.point);
+      t.residual += t.by_point * Eigen::Map<const Eigen::Vector3d>(system.point_step(t.point));
+      if (t.pose < 0) continue;
+      effective.noalias() -= t.by_pose * pose_rows(t.pose);
+      t.residual += t.by_pose * Eigen::Map<const Eigen::Matrix<double, 6, 1>>(system.pose_step(t.pose));
+    }
+  }
+
+  CalibrationEvidence collect() {
+    CalibrationEvidence evidence = CalibrationEvidence::nothing(values_);
+    Eigen::Matrix<double, Width, 1> gradient = Eigen::VectorXd::Zero(width_);
+    for (size_t k = 0; k < terms_.size(); ++k) {
+      const Term& t = terms_[k];
+      gradient.noalias() += by_parameters(k).transpose() * (t.weight * t.residual);
+      evidence.cost += 0.5 * options_.loss.cost(t.residual.squaredNorm());
+    }
+    evidence.gradient = gradient.head(parameters_.size());
+    evidence.information = information();
+    evidence.observations = static_cast<int>(terms_.size());
+    evidence.scatter = scatter(best_step(evidence));
+    return evidence;
+  }
+
+  // To the calibration that these observations and the prior make most likely.
+  Eigen::VectorXd best_step(const CalibrationEvidence& e) const {
+    const Eigen::VectorXd prior = e.cost / std::max(1, e.observations) * parameters_.prior_information();
+    const Eigen::MatrixXd prior_matrix = prior.asDiagonal();
+    return (e.information + prior_matrix).ldlt().solve(-e.gradient - prior_matrix * e.at);
+  }
+
+  // Errors go together in the points of a neighbourhood that were first seen at about the same time, and in
+  // an image. What is left of them after a step, so that what a wrong calibration does to all alike is no
+  // scatter.
+  Eigen::MatrixXd scatter(const Eigen::VectorXd& step) {
+    const int images = static_cast<int>(problem_.rig_from_world.size());
+    std::vector<double> clusters(static_cast<size_t>(width_) * (cluster_count() + images), 0.0);
+    const auto part_of = [&](int cluster) { return rows<1>(clusters, cluster); };
+    std::vector<int> cluster_of(core_.layout().points.size(), -1);
+    Eigen::Matrix<double, Width, 1> padded = Eigen::VectorXd::Zero(width_);
+    padded.head(step.size()) = step;
+    Block<1> part(1, width_);
+    for (size_t k = 0; k < terms_.size(); ++k) {
+      const Term& t = terms_[k];
+      const BundleObservation& o = problem_.observations[t.observation];
+      const BlockMap<2> effective = by_parameters(k);
+      const Eigen::Vector2d residual = t.residual + effective * padded;
+      part.noalias() = (t.weight * residual).transpose() * effective;
+      if (cluster_of[t.point] < 0) cluster_of[t.point] = cluster_of_point(o);
+      part_of(cluster_of[t.point]) += part;
+      part_of(cluster_count() + o.pose) += part;
+    }
+    Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(width_, width_);
+    for (int c = 0; c < cluster_count() + images; ++c) sum += part_of(c).transpose() * part_of(c);
+    return sum.topLeftCorner(step.size(), step.size());
+  }
+
+  static constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
+
+  int cluster_of_point(const BundleObservation& first) const {
+    const Camera& camera = present_[first.camera].camera;
+    const auto cell = [](double x, int size, int count) {
+      return std::clamp(static_cast<int>(x / size * count), 0, count - 1);
+    };
+    const int row = cell(first.pixel.y(), camera.height, kRows);
+    const int column = cell(first.pixel.x(), camera.width, kColumns);
+    const int period = first.pose / kPoses;
+    return ((period * static_cast<int>(present_.size()) + first.camera) * kRows + row) * kColumns + column;
+  }
+
+  int cluster_count() const {
+    const int periods = (static_cast<int>(problem_.rig_from_world.size()) + kPoses - 1) / kPoses;
+    return periods * static_cast<int>(present_.size()) * kRows * kColumns;
+  }
+
+  BundleProblem problem_;
+  BundleOptions options_;
+  const RigParameters& parameters_;
+  const Eigen::VectorXd& values_;
+  const AngularWeight weight_;
+  const int width_;
+  BundleCore<6> core_;
+  std::vector<int> pose_number_, point_number_;
+  std::vector<Placed> present_;
+  std::vector<std::vector<Placed>> moved_;  // by camera, by parameter that concerns it
+  std::vector<Term> terms_;
+  std::vector<double> by_parameters_, pose_rows_, point_rows_;
+};
+
+}  // namespace
+
+CalibrationEvidence CalibrationEvidence::nothing(const Eigen::VectorXd& at) {
+  const Eigen::Index m = at.size();
+  return {at, Eigen::MatrixXd::Zero(m, m), Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m)};
+}
+
+void CalibrationEvidence::add(const CalibrationEvidence& other) {
+  information += other.information;
+  gradient += other.gradient + other.information * (at - other.at);
+  scatter += other.scatter;
+  cost += other.cost;
+  observations += other.observations;
+}
+
+std::optional<CalibrationEvidence> measure_calibration(const BundleProblem& problem,
+                                                       const BundleOptions& options,
+                                                       const RigParameters& parameters,
+                                                       const Eigen::VectorXd& values, AngularWeight weight) {
+  if (parameters.size() == 0 || !problem.lenses.empty()) return std::nullopt;
+  if (parameters.size() <= kFewUnknowns) {
+    return Measurement<kFewUnknowns>(problem, options, parameters, values, weight).run();
+  }
+  return Measurement<Eigen::Dynamic>(problem, options, parameters, values, weight).run();
+}
+
+}  // namespace raysfm

@@ -1,0 +1,192 @@
+#include "raysfm/calibration/calibration_refiner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <string>
+
+#include "raysfm/camera/model_check.h"
+#include "raysfm/features/octaves.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kStretch = 20;      // key frames
+constexpr int kLeastStretch = 8;  // of the last
+constexpr int kSpacing = 8;       // stretches after which every second one is measured, then every third, ...
+constexpr int kLeastSeen = 3;     // key frames that see a point
+constexpr int kPointsPerKeyFrame = 10, kPointsOfFirst = 40;
+constexpr double kDoubt = 5;     // of a calibration that is told to be refined
+constexpr double kGrowth = 1.5;  // of the stretches from one change to the next
+constexpr double kFar = 0.2;     // effect of a change after which residuals are linearised anew
+const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
+
+}  // namespace
+
+CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how)
+    : how_(how),
+      parameters_(given, how == LensRefinement::kOn ? kDoubt : 1),
+      values_(Eigen::VectorXd::Zero(parameters_.size())) {
+  choice_ = choose_calibration(parameters_, CalibrationEvidence::nothing(values_));
+}
+
+int CalibrationRefiner::first_new(int world) const {
+  int first = 0;
+  for (const Stretch& s : stretches_) {
+    if (s.world == world) first = std::max(first, s.end);
+  }
+  return first;
+}
+
+bool CalibrationRefiner::is_due(int world, int keyframes, bool last) const {
+  if (how_ == LensRefinement::kOff || parameters_.size() == 0) return false;
+  const int spacing = 1 + static_cast<int>(stretches_.size()) / kSpacing;
+  return keyframes - first_new(world) >= (last ? kLeastStretch : kStretch * spacing);
+}
+
+// The longest tracks, of each key frame about as many.
+void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
+  point_of_track_.resize(map.tracks.size(), -1);
+  tracks_.clear();
+  std::vector<std::pair<int, int>> by_length;
+  for (int k = begin; k < end; ++k) {
+    by_length.clear();
+    for (const int t : map.keyframes[k].tracks) {
+      if (t < 0 || !map.tracks[t].triangulated || point_of_track_[t] >= 0) continue;
+      int seen = 0;
+      for (const TrackObservation& o : map.tracks[t].observations) {
+        seen += o.keyframe >= begin && o.keyframe < end && map.keyframes[o.keyframe].inliers[o.feature];
+      }
+      if (seen >= kLeastSeen) by_length.push_back({-seen, t});
+    }
+    std::sort(by_length.begin(), by_length.end());
+    const int count = std::min<int>(by_length.size(), k == begin ? kPointsOfFirst : kPointsPerKeyFrame);
+    for (int i = 0; i < count; ++i) {
+      point_of_track_[by_length[i].second] = static_cast<int>(tracks_.size());
+      tracks_.push_back(by_length[i].second);
+    }
+  }
+  for (const int t : tracks_) point_of_track_[t] = -1;
+}
+
+void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, int begin, int end) {
+  poses_.clear();
+  free_.clear();
+  points_.clear();
+  observations_.clear();
+  rays_.clear();
+  sigmas_.clear();
+  for (int k = begin; k < end; ++k) {
+    poses_.push_back(map.keyframes[k].rig_from_world);
+    free_.push_back(k > begin);
+  }
+  choose_points(map, begin, end);
+  for (const int t : tracks_) {
+    for (const TrackObservation& o : map.tracks[t].observations) {
+      const MapKeyFrame& k = map.keyframes[o.keyframe];
+      if (o.keyframe < begin || o.keyframe >= end || !k.inliers[o.feature]) continue;
+      observations_.push_back({o.keyframe - begin, static_cast<int>(points_.size()), k.cameras[o.feature],
+                               k.pixels[o.feature].cast<double>()});
+      sigmas_.push_back(octave_side(k.octaves[o.feature]));
+      if (rig.angular()) rays_.push_back(k.rays[o.feature]);
+    }
+    points_.push_back(map.tracks[t].position);
+  }
+}
+
+void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, const Map& map, int begin,
+                                         int end) {
+  gather(rig, map, begin, end);
+  const BundleProblem problem{.cameras = rig.cameras(),
+                              .rig_from_world = poses_,
+                              .pose_is_free = free_,
+                              .points = points_,
+                              .point_is_fixed = {},
+                              .observations = observations_,
+                              .is_inlier = {},
+                              .rays = rays_,
+                              .lenses = {},
+                              .sigmas = sigmas_,
+                              .scale_prior = {}};
+  std::optional<CalibrationEvidence> evidence =
+      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight());
+  if (!evidence) evidence = CalibrationEvidence::nothing(values_);
+  stretches_.push_back({world, end, *std::move(evidence)});
+}
+
+void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map) {
+  const int count = static_cast<int>(map.keyframes.size());
+  measure_stretch(rig, world, map, std::max(first_new(world), count - kStretch), count);
+}
+
+// As many stretches as there were. What other worlds said of it was said about another calibration, too far
+// from this one to count.
+void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map) {
+  const size_t most = stretches_.size();
+  const int count = static_cast<int>(map.keyframes.size());
+  stretches_.clear();
+  for (int end = count; end >= kLeastStretch && stretches_.size() < most; end -= kStretch) {
+    measure_stretch(rig, world, map, std::max(0, end - kStretch), end);
+  }
+}
+
+std::optional<Rig> CalibrationRefiner::better() {
+  CalibrationEvidence all = CalibrationEvidence::nothing(values_);
+  for (const Stretch& s : stretches_) all.add(s.evidence);
+  choice_ = choose_calibration(parameters_, all);
+  if (!is_worth_it(choice_) || !has_grown()) return std::nullopt;
+  Rig rig = parameters_.rig(choice_.values);
+  const auto cannot_be = [](const Camera& camera) { return find_problem(camera.model).has_value(); };
+  if (std::ranges::any_of(rig.cameras, cannot_be)) return std::nullopt;
+  return rig;
+}
+
+// To adapt everything is dear: only what has become much more evidence since is worth it.
+bool CalibrationRefiner::has_grown() const {
+  return static_cast<double>(stretches_.size()) >= kGrowth * static_cast<double>(taken_over_at_);
+}
+
+bool CalibrationRefiner::take_over() {
+  values_ = choice_.values;
+  contradicts_ = choice_.contradicts;
+  if (choice_.effect > kFar) return true;
+  taken_over_at_ = stretches_.size();
+  return false;
+}
+
+// Changes of a camera that differs from the first by its own add up.
+CalibrationNumber CalibrationRefiner::number(int i, int camera, const Rig& present) const {
+  CalibrationNumber n{.camera = camera, .name = parameters_.name(i)};
+  n.given = parameters_.number(i, camera, parameters_.given());
+  n.refined = parameters_.number(i, camera, present);
+  n.told = true;
+  double variance = 0;
+  using Kind = RigParameters::Kind;
+  for (int j = 0; j < parameters_.size(); ++j) {
+    const bool is_part = parameters_.name(j) == n.name ||
+                         (parameters_[i].kind == Kind::kAspect && parameters_[j].kind == Kind::kFocal);
+    if (!is_part || !parameters_.concerns(j, camera)) continue;
+    const bool is_factor = parameters_[j].kind == Kind::kFocal || parameters_[j].kind == Kind::kAspect;
+    variance += std::pow(choice_.sigma[j] * (is_factor ? n.refined : 1.0), 2);
+    n.told = n.told && choice_.is_told[j];
+    n.significance = std::max(n.significance, choice_.significance[j]);
+  }
+  n.sigma = std::sqrt(variance);
+  return n;
+}
+
+std::vector<CalibrationNumber> CalibrationRefiner::numbers() const {
+  std::vector<CalibrationNumber> all;
+  if (how_ == LensRefinement::kOff) return all;
+  const Rig present = parameters_.rig(values_);
+  for (int c = 0; c < static_cast<int>(present.cameras.size()); ++c) {
+    std::set<std::string> seen;
+    for (int i = 0; i < parameters_.size(); ++i) {
+      if (parameters_.concerns(i, c) && seen.insert(parameters_.name(i)).second)
+        all.push_back(number(i, c, present));
+    }
+  }
+  return all;
+}
+
+}  // namespace raysfm

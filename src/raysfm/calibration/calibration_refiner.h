@@ -1,0 +1,76 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "raysfm/calibration/calibration_choice.h"
+#include "raysfm/scene/map.h"
+#include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/tracking_rig.h"
+
+namespace raysfm {
+
+// What becomes of the given calibration.
+enum class LensRefinement : uint8_t {
+  kAuto,  // refined where the images are sure that it is off
+  kOn,    // a rough guess: refined wherever the images tell it better
+  kOff,   // kept
+};
+
+// Finds out while maps grow how far the calibration is off: collects what stretches of key frames say of it
+// and weighs that against the given one. All worlds are seen through the same lenses. Owns scratch memory.
+class CalibrationRefiner {
+ public:
+  CalibrationRefiner(const Rig& given, LensRefinement how);
+
+  // Whether a world of so many key frames has a new stretch to be measured; `last` when no more will come.
+  bool is_due(int world, int keyframes, bool last) const;
+
+  // Measures the newest stretch of a world.
+  void measure(const TrackingRig& rig, int world, const Map& map);
+
+  // A calibration that is worth adapting everything to, or none.
+  std::optional<Rig> better();
+
+  // Takes it over. True where that is so large a step that another from there may be worth it, once
+  // measure_again() has been told what the adapted map says.
+  bool take_over();
+  void measure_again(const TrackingRig& rig, int world, const Map& map);
+
+  // Every number that is looked at, camera by camera; none where nothing was measured.
+  std::vector<CalibrationNumber> numbers() const;
+  // Whether the present calibration is that of another lens than the given one.
+  bool contradicts() const { return contradicts_; }
+
+ private:
+  struct Stretch {
+    int world = 0;
+    int end = 0;  // key frame after its last
+    CalibrationEvidence evidence;
+  };
+
+  int first_new(int world) const;
+  CalibrationNumber number(int parameter, int camera, const Rig& present) const;
+  bool has_grown() const;
+  void gather(const TrackingRig& rig, const Map& map, int begin, int end);
+  void choose_points(const Map& map, int begin, int end);
+  void measure_stretch(const TrackingRig& rig, int world, const Map& map, int begin, int end);
+
+  LensRefinement how_;
+  RigParameters parameters_;
+  Eigen::VectorXd values_;
+  CalibrationChoice choice_;  // of what was measured last
+  bool contradicts_ = false;
+  std::vector<Stretch> stretches_;
+  size_t taken_over_at_ = 0;  // stretches there were
+
+  std::vector<Rigid3> poses_;
+  std::vector<uint8_t> free_;
+  std::vector<Eigen::Vector3d> points_;
+  std::vector<int> tracks_, point_of_track_;
+  std::vector<BundleObservation> observations_;
+  std::vector<ObservedRay> rays_;
+  std::vector<float> sigmas_;
+};
+
+}  // namespace raysfm

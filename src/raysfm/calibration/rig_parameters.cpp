@@ -1,0 +1,198 @@
+#include "raysfm/calibration/rig_parameters.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <span>
+#include <type_traits>
+#include <variant>
+
+#include "raysfm/geometry/rotation.h"
+
+namespace raysfm {
+namespace {
+
+// How far off calibrations are: a focal length by so large a part, a principal point by so large a part of
+// the width, and a coefficient by what moves the rim of the image by so large a part of its distance.
+constexpr double kFocalPrior = 0.02, kAspectPrior = 0.002, kCentrePrior = 0.01, kRimPrior = 0.03;
+constexpr double kTangentialPrior = 0.003;
+// Cameras of a rig: radians, and a part of the distance from the first camera.
+constexpr double kTurnPrior = 0.02, kShiftPrior = 0.02;
+constexpr double kStep = 1e-3;  // of the prior's standard deviation
+
+std::span<const std::string_view> names_of(const CameraModel& model) {
+  return std::visit(
+      [](const auto& m) -> std::span<const std::string_view> {
+        using Model = std::decay_t<decltype(m)>;
+        if constexpr (ParametricModel<Model>) return Model::kParameterNames;
+        return {};
+      },
+      model);
+}
+
+int index_of(const CameraModel& model, std::string_view name) {
+  const std::span<const std::string_view> names = names_of(model);
+  const auto it = std::find(names.begin(), names.end(), name);
+  return it == names.end() ? -1 : static_cast<int>(it - names.begin());
+}
+
+// The model with its numbers changed by edit(numbers).
+template <typename Edit>
+CameraModel edited(const CameraModel& model, Edit edit) {
+  return std::visit(
+      [&](const auto& m) -> CameraModel {
+        using Model = std::decay_t<decltype(m)>;
+        if constexpr (ParametricModel<Model>) {
+          auto numbers = m.parameters();
+          edit(std::span<double>(numbers));
+          return Model::from_parameters(numbers);
+        } else {
+          return m;
+        }
+      },
+      model);
+}
+
+// Tangent of the angle at which the camera sees its farthest corner, at most 1.
+double rim_of(const Camera& camera) {
+  double rim = 0;
+  for (const double x : {0.0, camera.width - 1.0}) {
+    for (const double y : {0.0, camera.height - 1.0}) {
+      Ray ray;
+      if (!camera.ray({x, y}, &ray)) continue;
+      const double angle = std::atan2(ray.direction.head<2>().norm(), ray.direction.z());
+      rim = std::max(rim, angle < 0.78 ? std::tan(angle) : 1.0);
+    }
+  }
+  return rim > 0 ? rim : 1.0;
+}
+
+void change(const RigParameters::Parameter& p, double value, Camera* camera) {
+  using Kind = RigParameters::Kind;
+  switch (p.kind) {
+    case Kind::kFocal:
+    case Kind::kAspect: {
+      const int fx = index_of(camera->model, "fx"), fy = index_of(camera->model, "fy");
+      camera->model = edited(camera->model, [&](std::span<double> numbers) {
+        if (p.kind == Kind::kFocal) numbers[fx] *= std::exp(value);
+        numbers[fy] *= std::exp(value);
+      });
+      return;
+    }
+    case Kind::kNumber:
+      camera->model = edited(camera->model, [&](std::span<double> numbers) { numbers[p.index] += value; });
+      return;
+    case Kind::kTurn: {
+      Eigen::Quaterniond& rotation = camera->rig_from_cam.rotation;
+      rotation = (rotation * exp_so3(value * Eigen::Vector3d::Unit(p.index))).normalized();
+      return;
+    }
+    case Kind::kShift:
+      camera->rig_from_cam.translation[p.index] += value;
+      return;
+  }
+}
+
+}  // namespace
+
+RigParameters::RigParameters(const Rig& given, double doubt) : given_(given), doubt_(doubt) {
+  for (int c = 0; c < static_cast<int>(given_.cameras.size()); ++c) {
+    Camera& camera = given_.cameras[c];
+    if (const Pinhole* p = std::get_if<Pinhole>(&camera.model))
+      camera.model = Radtan{p->fx, p->fy, p->cx, p->cy};
+    add_model(c);
+    if (c == 0) continue;
+    const double distance =
+        (camera.rig_from_cam.translation - given_.cameras[0].rig_from_cam.translation).norm();
+    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kTurn, axis, kTurnPrior);
+    if (!(distance > 0)) continue;
+    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, kShiftPrior * distance);
+  }
+}
+
+void RigParameters::add(int camera, Kind kind, int index, double sigma) {
+  parameters_.push_back({camera, kind, index, doubt_ * sigma, kStep * sigma});
+}
+
+void RigParameters::add_model(int c) {
+  const Camera& camera = given_.cameras[c];
+  const auto number = [&](std::string_view name, double sigma) {
+    const int index = index_of(camera.model, name);
+    if (index >= 0) add(c, Kind::kNumber, index, sigma);
+  };
+  if (index_of(camera.model, "fx") >= 0 && !std::holds_alternative<Equirectangular>(camera.model)) {
+    add(c, Kind::kFocal, 0, kFocalPrior);
+    add(c, Kind::kAspect, 0, kAspectPrior);
+    number("cx", kCentrePrior * camera.width);
+    number("cy", kCentrePrior * camera.width);
+  }
+  const double rim = rim_of(camera);
+  if (std::holds_alternative<Radtan>(camera.model) || std::holds_alternative<Rational>(camera.model)) {
+    number("k1", kRimPrior / std::pow(rim, 2));
+    number("k2", kRimPrior / std::pow(rim, 4));
+  }
+  if (std::holds_alternative<KannalaBrandt>(camera.model)) {
+    for (int i = 1; i <= 4; ++i) number("k" + std::to_string(i), kRimPrior / std::pow(rim, 2 * i));
+  }
+  for (const std::string_view name : {"xi", "alpha", "beta"}) number(name, kRimPrior);
+}
+
+std::string RigParameters::name(int i) const {
+  const Parameter& p = parameters_[i];
+  switch (p.kind) {
+    case Kind::kFocal:
+      return "fx";
+    case Kind::kAspect:
+      return "fy";
+    case Kind::kNumber:
+      return std::string(names_of(given_.cameras[p.camera].model)[p.index]);
+    case Kind::kTurn:
+      return "rotation[" + std::to_string(p.index) + "]";
+    case Kind::kShift:
+      return "translation[" + std::to_string(p.index) + "]";
+  }
+  return {};
+}
+
+double RigParameters::number(int i, int c, const Rig& rig) const {
+  const Parameter& p = parameters_[i];
+  const Camera& camera = rig.cameras[c];
+  if (p.kind == Kind::kShift) return camera.rig_from_cam.translation[p.index];
+  if (p.kind == Kind::kTurn) {
+    return log_so3(given_.cameras[c].rig_from_cam.rotation.conjugate() *
+                   camera.rig_from_cam.rotation)[p.index];
+  }
+  double value = 0;
+  const int index = p.kind == Kind::kNumber ? p.index : index_of(camera.model, name(i));
+  edited(camera.model, [&](std::span<double> numbers) { value = numbers[index]; });
+  return value;
+}
+
+bool RigParameters::is_like_first(int camera) const {
+  const Camera &a = given_.cameras[0], &b = given_.cameras[camera];
+  return a.model.index() == b.model.index() && a.width == b.width && a.height == b.height;
+}
+
+bool RigParameters::concerns(int i, int camera) const {
+  const int owner = parameters_[i].camera;
+  return owner == camera || (owner == 0 && is_like_first(camera));
+}
+
+Rig RigParameters::rig(const Eigen::VectorXd& values) const {
+  Rig rig = given_;
+  for (int i = 0; i < size(); ++i) {
+    if (values[i] == 0) continue;
+    for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
+      if (concerns(i, c)) change(parameters_[i], values[i], &rig.cameras[c]);
+    }
+  }
+  return rig;
+}
+
+Eigen::VectorXd RigParameters::prior_information() const {
+  Eigen::VectorXd information(size());
+  for (int i = 0; i < size(); ++i) information[i] = 1 / std::pow(parameters_[i].prior_sigma, 2);
+  return information;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "raysfm/camera/camera.h"
+
+namespace raysfm {
+
+// The calibration of a rig as unknowns: how far each number is from the one given, so that zero is the given
+// calibration. The focal lengths of a camera are one unknown (the logarithm of their common factor) and their
+// aspect another, since whatever is wrong with one is mostly wrong with both. So it is with cameras of one
+// make: the unknowns of the first change all that have its model and size, which differ from it by their own.
+class RigParameters {
+ public:
+  enum class Kind : uint8_t {
+    kFocal,   // logarithm of the factor to both focal lengths
+    kAspect,  // logarithm of the factor to fy / fx
+    kNumber,  // added to a number of the model
+    kTurn,    // rotation vector of the camera in its own frame, radians
+    kShift,   // added to the position of the camera in the rig
+  };
+  struct Parameter {
+    int camera = 0;
+    Kind kind = Kind::kNumber;
+    int index = 0;           // of the model's numbers, or axis
+    double prior_sigma = 0;  // how far the given one may be off
+    double step = 0;         // over which derivatives are taken: about a tenth of a pixel at the rim
+  };
+
+  // A perspective camera without distortion is given one of zero. Cameras whose model has no numbers
+  // have none here either, and the first camera is where the rig is.
+  // `doubt` multiplies how far off the given one may be: 1 for a calibration by a target or the maker.
+  explicit RigParameters(const Rig& given, double doubt = 1);
+
+  int size() const { return static_cast<int>(parameters_.size()); }
+  const Parameter& operator[](int i) const { return parameters_[i]; }
+  const Rig& given() const { return given_; }
+  // Whether the rays of a camera depend on an unknown.
+  bool concerns(int i, int camera) const;
+  // Of the number that an unknown changes in a camera: its name, and its value in a rig.
+  std::string name(int i) const;
+  double number(int i, int camera, const Rig& rig) const;
+
+  // The rig with these unknowns. Whether it is one that can be: see find_problem().
+  Rig rig(const Eigen::VectorXd& values) const;
+
+  // Inverse variances of the prior.
+  Eigen::VectorXd prior_information() const;
+
+ private:
+  void add(int camera, Kind kind, int index, double prior_sigma);
+  void add_model(int camera);
+  bool is_like_first(int camera) const;
+
+  Rig given_;
+  double doubt_;
+  std::vector<Parameter> parameters_;
+};
+
+}  // namespace raysfm

@@ -1,0 +1,72 @@
+// How Odometry comes by a better calibration.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "raysfm/geometry/interpolation.h"
+#include "raysfm/odometry/odometry.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kMostRounds = 3;  // of one change, each from where the one before led
+// Key frames that are adapted at once; those before them wait for the end.
+constexpr int kAdapted = 40;
+
+}  // namespace
+
+// What the newest key frames of a world say of the calibration is measured; where that makes another one
+// likely, all goes on with that.
+void Odometry::refine_calibration(int number, bool last) {
+  SegmentState& s = segments_[number];
+  const int keyframes = static_cast<int>(s.map.keyframes.size());
+  if (!refiner_.is_due(number, keyframes, last)) return;
+  ScopedTimer timer(calibrate_timing_);
+  refiner_.measure(rig_, number, s.map);
+  for (int round = 0; round < kMostRounds; ++round) {
+    std::optional<Rig> better = refiner_.better();
+    if (!better) return;
+    ++calibration_;
+    rig_ = TrackingRig(*std::move(better), options_.error);
+    adapt(number, last ? 0 : std::max(0, keyframes - kAdapted));
+    const bool again = refiner_.take_over();
+    observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
+    if (!again) return;
+    refiner_.measure_again(rig_, number, s.map);
+  }
+}
+
+// Map, views and frames of a world as the present calibration has them, from a key frame on.
+void Odometry::adapt(int number, int first_keyframe) {
+  SegmentState& s = segments_[number];
+  std::vector<Rigid3> before;
+  for (const MapKeyFrame& k : s.map.keyframes) before.push_back(k.rig_from_world);
+  const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
+  mapper_.adapt_to_cameras(first_keyframe, first_keyframe == 0 && is_long, &s.map);
+  for (KeyFrameView& view : s.views) renew_rays(rig_, &view);
+  carry_frames(number, before);
+  if (first_keyframe == 0) s.calibration = calibration_;
+}
+
+// Between two key frames, frames follow the change of their relative pose by the part of the way that they
+// have come.
+void Odometry::carry_frames(int number, const std::vector<Rigid3>& before) {
+  const std::vector<MapKeyFrame>& keyframes = segments_[number].map.keyframes;
+  const int last = static_cast<int>(keyframes.size()) - 1;
+  for (size_t f = 0; f < frames_.size(); ++f) {
+    FrameRecord& frame = frames_[f];
+    if (frame.segment != number || frame.keyframe > last) continue;
+    const int a = std::min(frame.keyframe, last - 1), b = a + 1;
+    Rigid3 then = before[b] * before[a].inverse();
+    const Rigid3 now = keyframes[b].rig_from_world * keyframes[a].rig_from_world.inverse();
+    const double scale = now.translation.norm() / then.translation.norm();
+    if (!std::isfinite(scale)) continue;
+    then.translation *= scale;
+    frame.rig_from_keyframe.translation *= scale;
+    const double part = double(int(f) - keyframes[a].frame) / double(keyframes[b].frame - keyframes[a].frame);
+    if (frame.keyframe != a || !(part > 0) || part > 1) continue;
+    frame.rig_from_keyframe = interpolate(Rigid3{}, now * then.inverse(), part) * frame.rig_from_keyframe;
+  }
+}
+
+}  // namespace raysfm
