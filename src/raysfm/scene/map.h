@@ -9,6 +9,7 @@
 
 #include "raysfm/camera/observed_ray.h"
 #include "raysfm/core/slab_allocator.h"
+#include "raysfm/features/descriptor.h"
 #include "raysfm/geometry/pose.h"
 
 namespace raysfm {
@@ -43,6 +44,11 @@ struct MapKeyFrame {
   MapArray<int> tracks;              // track seen there
   MapArray<uint8_t> inliers;         // 1 while the observation agrees with its track's position
   MapArray<ObservedRay> rays;        // where residuals are angular; else empty
+
+  // What the place is recognised by: some of its features, ascending, and what each looks like. Empty where
+  // the key frame shows little that others do not.
+  MapArray<int> described;
+  MapArray<Descriptor> descriptors;
 
   int size() const { return static_cast<int>(pixels.size()); }
   int add(int camera, const Eigen::Vector2f& pixel, int octave, int track) {
