@@ -124,6 +124,7 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
       {"error", "residual that is minimised", &s.error, {"auto", "pixel", "angular", "angular-plain"}},
       {"start", "how the first views are posed", &s.start, {"auto", "five-point", "pless"}},
       {"refine-lens", "whether a calibration that is off is refined", &s.refine_lens, {"auto", "on", "off"}},
+      {"loops", "whether places seen before close loops and join worlds", &s.loops, {"on", "off"}},
       {"final", "adjustment of everything at the end", &s.final, {"none", "global"}},
       {"features", "corners per frame", &o.features, {}},
       {"min-matches", "fewer matches with the last key frame ask for a new one", &o.min_matches, {}},

@@ -100,6 +100,7 @@ Result<void> choose_methods(TrackSettings* settings) {
       {"pless", GenericStartMethod::kSeventeenPoint}};
   static constexpr std::pair<std::string_view, LensRefinement> kRefinements[] = {
       {"auto", LensRefinement::kAuto}, {"on", LensRefinement::kOn}, {"off", LensRefinement::kOff}};
+  static constexpr std::pair<std::string_view, bool> kLoops[] = {{"on", true}, {"off", false}};
   const auto choose = [](const auto& table, const char* flag, const std::string& name,
                          auto* value) -> Result<void> {
     for (const auto& [known, method] : table) {
@@ -109,6 +110,7 @@ Result<void> choose_methods(TrackSettings* settings) {
   };
   if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
   if (auto r = choose(kStarts, "--start", settings->start, &settings->odometry.start); !r) return r;
+  if (auto r = choose(kLoops, "--loops", settings->loops, &settings->odometry.loops); !r) return r;
   return choose(kRefinements, "--refine-lens", settings->refine_lens, &settings->odometry.refine_lens);
 }
 
@@ -180,6 +182,12 @@ class Narrator : public TrackerObserver {
   void track_found(const TrackFound& e) override {
     tell(event_, Event::Level::kInfo,
          fmt::format("track found again at frame {} in key frame {}", e.frame, e.keyframe));
+  }
+  void place_seen_again(const PlaceSeenAgain& e) override {
+    const Closure& c = e.closure;
+    tell(event_, Event::Level::kInfo,
+         fmt::format("frame {} sees what frame {} saw ({} points): {}", c.frame, c.with_frame, c.inliers,
+                     c.joined_worlds ? "worlds joined" : "loop closed"));
   }
 
  private:

@@ -21,6 +21,7 @@ struct TrackSettings {
   std::string error = "auto";        // "auto", "pixel", "angular" or "angular-plain"; sets odometry.error
   std::string start = "auto";        // "auto", "five-point" or "pless"; sets odometry.start
   std::string refine_lens = "auto";  // "auto", "on" or "off"; sets odometry.refine_lens
+  std::string loops = "on";          // "on" or "off"; sets odometry.loops
   std::string final = "none";        // "none" or "global": adjustment of everything at the end
   OdometryOptions odometry;
 };

@@ -130,6 +130,14 @@ void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const 
   }
 }
 
+void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {
+  for (Stretch& s : stretches_) {
+    if (s.world != world) continue;
+    s.world = into;
+    s.end = new_number_of_keyframe[s.end - 1] + 1;
+  }
+}
+
 std::optional<Rig> CalibrationRefiner::better() {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);

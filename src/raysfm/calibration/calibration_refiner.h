@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "raysfm/calibration/calibration_choice.h"
@@ -28,6 +29,9 @@ class CalibrationRefiner {
 
   // Measures the newest stretch of a world.
   void measure(const TrackingRig& rig, int world, const Map& map);
+
+  // A world is part of another now, or key frames moved to make room for it.
+  void renumber(int world, int into, std::span<const int> new_number_of_keyframe);
 
   // A calibration that is worth adapting everything to, or none.
   std::optional<Rig> better();

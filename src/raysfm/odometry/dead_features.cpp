@@ -48,9 +48,21 @@ void give_up(int keyframe, int feature, Map* map) {
   map->free_track(track);
 }
 
+// Described features at their new places.
+void keep_described(const std::vector<int>& moved_to, MapKeyFrame* keyframe) {
+  std::vector<int> kept;
+  for (size_t i = 0; i < keyframe->described.size(); ++i) {
+    int& feature = keyframe->described[i];
+    feature = moved_to[feature];
+    if (feature >= 0) kept.push_back(static_cast<int>(i));
+  }
+  keep(kept, &keyframe->described);
+  keep(kept, &keyframe->descriptors);
+}
+
 }  // namespace
 
-std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view) {
+void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view) {
   MapKeyFrame& k = map->keyframes[keyframe];
   std::vector<int> kept, moved_to(k.size(), -1);
   for (int f = 0; f < k.size(); ++f) {
@@ -79,7 +91,7 @@ std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFr
   keep(kept, &view->directions);
   keep(kept, &view->point_jacobians);
   keep(kept, &view->patches);
-  return moved_to;
+  keep_described(moved_to, &k);
 }
 
 }  // namespace raysfm

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include "raysfm/scene/map.h"
 #include "raysfm/views/view.h"
 
@@ -10,8 +8,7 @@ namespace raysfm {
 // Takes the features out of a key frame that will never be matched again: those whose track has no position
 // and was not seen in a later key frame. Tracks that never had a position are given up with them, and their
 // numbers may be used again. For key frames that the newest does not follow any more. With `for_good`, of a
-// key frame whose images are forgotten, only what the map stands on stays: inliers of points. Returns where
-// each feature has gone, -1 for those that are gone.
-std::vector<int> drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view);
+// key frame whose images are forgotten, only what the map stands on stays: inliers of points.
+void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view);
 
 }  // namespace raysfm

@@ -32,14 +32,6 @@ struct LocalMap {
 LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
                         int anchor, int reach);
 
-// A map point seen in an image.
-struct TrackPixel {
-  int track = 0;
-  uint8_t camera = 0;
-  uint8_t octave = 0;  // that the pixel was measured in
-  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
-};
-
 // What was found of a query: a GuidedMatch or an AlignedPatch.
 template <typename Found>
 TrackPixel seen_at(const PatchQuery& query, const Found& found) {

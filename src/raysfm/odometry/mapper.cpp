@@ -189,7 +189,8 @@ void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
   ScopedTimer timer(keyframe_timing);
   const int newest = static_cast<int>(views->size()) - 1;
   for (const int age : kAges) {
-    if (age <= newest) fit_surfaces(rig_, map, newest - age, &(*views)[newest - age]);
+    if (age <= newest && (*views)[newest - age].view)
+      fit_surfaces(rig_, map, newest - age, &(*views)[newest - age]);
   }
 }
 
@@ -241,6 +242,7 @@ bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
 
 void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
                            std::span<const KeyFrameView> views) {
+  if (!views[anchor].view) return;
   for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, view, map, views);
 }
 

@@ -26,7 +26,7 @@ class Mapper {
                     std::vector<KeyFrameView>* views);
 
   // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines,
-  // each in its own camera.
+  // each in its own camera. Does nothing where images of `from` are not there any more.
   void follow_tracks(int from, int to, const View& view, Map* map, std::span<const KeyFrameView> views);
 
   // The tail end of a key frame whose matches are in the map: starts tracks at the remaining corners, finds

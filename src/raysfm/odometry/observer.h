@@ -67,6 +67,14 @@ struct TrackFound {
   int keyframe = 0;  // that it was recognised in
 };
 
+// What a frame of a world saw had been seen long before: the world was bent so that both agree, or another
+// world became part of it. All poses of the world may have moved.
+struct PlaceSeenAgain {
+  int world = 0;
+  Closure closure;
+  int joined_world = -1;  // that is no more, or -1
+};
+
 // Told what happens while frames are pushed, on the thread that pushes them. It must not call the tracker.
 class TrackerObserver {
  public:
@@ -79,6 +87,7 @@ class TrackerObserver {
   virtual void calibration_refined(const CalibrationRefined&) {}
   virtual void track_lost(const TrackLost&) {}
   virtual void track_found(const TrackFound&) {}
+  virtual void place_seen_again(const PlaceSeenAgain&) {}
 };
 
 }  // namespace raysfm

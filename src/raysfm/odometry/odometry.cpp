@@ -19,6 +19,8 @@ namespace {
 
 constexpr int kReach = 10;      // key frames about the anchor whose points are looked for
 constexpr int kKeptViews = 60;  // key frames whose images are kept
+// Key frames after which a place is remembered: its points have positions then.
+constexpr int kPlaceAge = 5;
 // Key frames after which a track that has no position, and is not seen any more, is given up.
 constexpr int kFollowedFor = 2;
 // How the search widens: radius as a part of the image's width, and points matched for a first pose.
@@ -93,6 +95,7 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       maker_(maker),
       localiser_(rig_, options_),
       mapper_(rig_, options_),
+      place_matcher_(rig_),
       refiner_(rig_.rig(), options_.refine_lens) {
   starter_.emplace(rig_, options_);
 }
@@ -178,10 +181,11 @@ void Odometry::start(const ViewPtr& view) {
 void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {
   const std::vector<int> chosen = start.summary.frames;
   if (!segments_.empty()) {
-    segments_.back().views = std::vector<KeyFrameView>();  // nothing is looked for in it again
+    segment().views = std::vector<KeyFrameView>();  // what was seen of it is remembered without images
     settle_until(views.front().frame);
   }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
+  active_ = static_cast<int>(segments_.size()) - 1;
   segment().calibration = calibration_;
   observer_->world_started({world(), start.summary});
   pose_start_frames(start, views);
@@ -196,7 +200,6 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
     previous_->interval = third->view->timestamp - before.timestamp;
   }
-  relocaliser_.clear();
   set_anchor(2);
   for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
 }
@@ -349,6 +352,7 @@ Localisation Odometry::search(const View& view) {
 }
 
 void Odometry::track(ViewPtr view) {
+  look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
   Localisation pose = localise(&view);
   if (!believable(pose)) {
     lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
@@ -377,7 +381,7 @@ void Odometry::track(ViewPtr view) {
 }
 
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
-  const MapKeyFrame& anchor = segments_.back().map.keyframes[local_.anchor];
+  const MapKeyFrame& anchor = segment().map.keyframes[local_.anchor];
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
   return frame - anchor.frame >= kMinKeyFrameGap &&
          step.translation.norm() > kKeyFrameBaseline * anchor_distance_;
@@ -395,7 +399,7 @@ bool Odometry::needs_keyframe(const Localisation& pose) const {
 
 // Over those that are still at hand.
 double Odometry::mean_keyframe_distance() const {
-  const std::vector<MapKeyFrame>& keyframes = segments_.back().map.keyframes;
+  const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
   const size_t first = keyframes.size() - std::min<size_t>(keyframes.size() - 1, kKeptViews);
   double sum = 0;
   for (size_t i = first; i < keyframes.size(); ++i) {
@@ -428,16 +432,19 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   return factor;
 }
 
+void Odometry::scale_pose(double factor, FrameRecord* frame) {
+  const Eigen::Vector<double, 6> unit{factor, factor, factor, 1, 1, 1};
+  frame->rig_from_keyframe.translation *= factor;
+  frame->covariance = unit.asDiagonal() * frame->covariance * unit.asDiagonal();
+}
+
 // What hangs on key frames follows a new scale of their map.
 void Odometry::rescale_frames(int segment, double factor) {
   if (factor == 1) return;
-  const Eigen::Vector<double, 6> unit{factor, factor, factor, 1, 1, 1};
   for (FrameRecord& frame : frames_) {
-    if (frame.segment != segment) continue;
-    frame.rig_from_keyframe.translation *= factor;
-    frame.covariance = unit.asDiagonal() * frame.covariance * unit.asDiagonal();
+    if (frame.segment == segment) scale_pose(factor, &frame);
   }
-  if (!tracking()) return;
+  if (!tracking() || segment != active_) return;
   previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
   previous_->velocity.translation *= factor;
 }
@@ -454,9 +461,7 @@ void Odometry::forget_old_views() {
 
 void Odometry::drop_dead_features(int keyframe, bool for_good) {
   if (keyframe < 0) return;
-  const std::vector<int> moved_to =
-      raysfm::drop_dead_features(keyframe, for_good, &segment().map, &segment().views[keyframe]);
-  relocaliser_.forget_features(keyframe, for_good ? std::vector<int>(moved_to.size(), -1) : moved_to);
+  raysfm::drop_dead_features(keyframe, for_good, &segment().map, &segment().views[keyframe]);
 }
 
 void Odometry::record(int number, const Localisation& pose, int keyframe) {
@@ -510,6 +515,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   frames_[view->frame].reason = "track lost: " + reason;
   explain_blindness(*view);
   observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
+  look_about(static_cast<int>(segment().map.keyframes.size()));
   previous_.reset();
   starter_.emplace(rig_, options_);
   start(view);
@@ -518,14 +524,13 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
 bool Odometry::relocalise(const ViewPtr& view) {
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
-  const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
-  const Localisation pose = localiser_.localise(
-      map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
-  if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
-  for (const Place& place : relocaliser_.search(map, segment().views, *view)) {
-    const Localisation seen = localiser_.pose_from_matches(map, place.matches, view->frame);
-    if (seen.ok && take_up(view, place.keyframe, seen.rig_from_world)) return true;
+  if (segment().views[newest].view) {
+    const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
+    const Localisation pose = localiser_.localise(
+        map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
+    if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
   }
+  if (recall(view)) return true;
   frames_[view->frame].reason = "track lost: " + segment().end_reason;
   return false;
 }
@@ -538,12 +543,17 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
   if (!recognised(pose, options_)) return false;
+  resume(view, keyframe, std::move(pose));
+  return true;
+}
+
+// Track goes on from a key frame of the active world.
+void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   observer_->track_found({view->frame, world(), keyframe});
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);
   accept(view, std::move(pose));
-  return true;
 }
 
 Reconstruction Odometry::finish(bool final_global) {
@@ -559,13 +569,17 @@ Reconstruction Odometry::finish(bool final_global) {
       }
     }
   }
+  if (tracking()) look_about(static_cast<int>(segment().map.keyframes.size()));
   for (size_t s = 0; s < segments_.size(); ++s) refine_calibration(static_cast<int>(s), true);
   release_views();
   for (size_t s = 0; s < segments_.size(); ++s) {
-    if (segments_[s].calibration != calibration_) adapt(static_cast<int>(s), 0);
-    if (final_global) mapper_.adjust_globally(&segments_[s].map);
+    SegmentState& segment = segments_[s];
+    if (segment.joined_into >= 0) continue;
+    if (segment.calibration != calibration_ || segment.closed) adapt(static_cast<int>(s), 0);
+    if (final_global) mapper_.adjust_globally(&segment.map);
   }
   for (size_t s = 0; s < segments_.size(); ++s) {
+    if (segments_[s].joined_into >= 0) continue;
     Map& map = segments_[s].map;
     const double rescaled = map.rescaled;
     mapper_.measure_scale(&map);
@@ -584,7 +598,6 @@ void Odometry::release_views() {
   previous_.reset();
   starter_.reset();
   local_ = {};
-  relocaliser_.clear();
   for (SegmentState& s : segments_) s.views = std::vector<KeyFrameView>();
   return_freed_memory();
 }

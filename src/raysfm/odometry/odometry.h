@@ -11,8 +11,10 @@
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
-#include "raysfm/odometry/relocaliser.h"
 #include "raysfm/odometry/starter.h"
+#include "raysfm/places/place_index.h"
+#include "raysfm/places/place_matcher.h"
+#include "raysfm/places/world_relation.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/views/view_maker.h"
 
@@ -44,7 +46,8 @@ struct FrameResult {
 //   3. when too little is matched or the pose is too uncertain, the view before becomes a key frame: new
 //   points,
 //      local adjustment.
-// Where track is lost, the key frames are searched for again while a new segment tries to start.
+// Where track is lost, all places of all worlds are looked for while a new world tries to start. Places that
+// are seen again close loops, and join worlds.
 class Odometry {
  public:
   // Valid options. The views may lack their corners where `maker` is given to detect them when they are
@@ -90,7 +93,23 @@ class Odometry {
     std::vector<KeyFrameView> views;
     StartSummary start;
     std::string end_reason = "end of input";
-    int calibration = 0;  // number of the one that all of its map was adjusted with
+    int calibration = 0;         // number of the one that all of its map was adjusted with
+    int looked_about = 0;        // key frames before it are places, or will never be
+    int newest_place = -1;       // key frame that was looked about from last
+    int newest_meeting = -1000;  // key frame that saw a place again
+    bool closed = false;         // parts of its map were brought together since all of it was adjusted
+    int joined_into = -1;        // another one has all of it
+  };
+  // A place that can be recognised.
+  struct PlaceRef {
+    int segment = 0;
+    int keyframe = 0;
+  };
+  // A place seen again from the newest key frames.
+  struct Meeting {
+    PlaceRef here, there;
+    RecognisedPlace place;
+    WorldRelation relation;
   };
   // The newest posed view: where the next prediction starts, and the next key frame.
   struct Previous {
@@ -100,8 +119,9 @@ class Odometry {
     double interval = 0;  // seconds, > 0; 0: no velocity
   };
 
-  SegmentState& segment() { return segments_.back(); }
-  int world() const { return static_cast<int>(segments_.size()) - 1; }  // of the newest segment
+  SegmentState& segment() { return segments_[active_]; }
+  const SegmentState& segment() const { return segments_[active_]; }
+  int world() const { return active_; }
   bool tracking() const { return previous_.has_value(); }
   // rig_from_world of a frame, as its key frame stands now in the map of its segment.
   static Rigid3 present_pose(const FrameRecord& frame, const Map& map) {
@@ -129,9 +149,32 @@ class Odometry {
   Rigid3 turned(const View& view) const;
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
+  bool recall(const ViewPtr& view);
+  void take_up_place(const ViewPtr& view, const PlaceRef& where, const DescribedCorners& seen,
+                     const RecognisedPlace& place);
+  void resume(const ViewPtr& view, int keyframe, Localisation pose);
+  // odometry_places.cpp:
+  void look_about(int end);
+  std::vector<int> shared_points(int keyframe) const;
+  bool is_new_place(int keyframe) const;
+  void remember(int keyframe);
+  std::optional<Meeting> recognise(int keyframe, const std::vector<PlaceVotes>& likely);
+  std::optional<Meeting> meet(int keyframe, const DescribedCorners& seen, const PlaceRef& there);
+  bool has_same_scale(int a, int b) const;
+  bool is_plausible(const Meeting& meeting) const;
+  bool is_confirmed(const Meeting& meeting);
+  double disagreement(const Meeting& meeting) const;
+  void close(const Meeting& meeting);
+  void join(Meeting meeting);
+  void fuse(const std::vector<SamePoint>& points);
+  Similarity3 agree_on_scale(int first, int second, Similarity3 first_from_second);
+  void renumber(int segment, int into, const std::vector<int>& keyframes, int first_track);
+  void adjust_all();
+  void all_has_moved();
   bool has_moved_on(int frame, const Localisation& pose) const;
   bool needs_keyframe(const Localisation& pose) const;
   double promote(const ViewPtr& view, const Localisation& pose);
+  static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
   void adapt(int segment, int first_keyframe);
@@ -156,10 +199,16 @@ class Odometry {
   const ViewMaker* maker_;
   Localiser localiser_;
   Mapper mapper_;
-  Relocaliser relocaliser_;  // of the newest segment
+  Describer describer_;
+  PlaceMatcher place_matcher_;
+  PlaceIndex place_index_;
+  std::vector<PlaceRef> places_;    // by their number in the index
+  std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
+  std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
   std::optional<Starter> starter_;
   std::deque<SegmentState> segments_;
+  int active_ = -1;  // segment that is tracked, or was last
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
   std::deque<ViewPtr> waiting_;  // for those before them to be gone through
   std::optional<Previous> previous_;

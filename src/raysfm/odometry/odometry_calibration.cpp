@@ -62,7 +62,7 @@ void Odometry::carry_frames(int number, const std::vector<Rigid3>& before) {
     const double scale = now.translation.norm() / then.translation.norm();
     if (!std::isfinite(scale)) continue;
     then.translation *= scale;
-    frame.rig_from_keyframe.translation *= scale;
+    scale_pose(scale, &frame);
     const double part = double(int(f) - keyframes[a].frame) / double(keyframes[b].frame - keyframes[a].frame);
     if (frame.keyframe != a || !(part > 0) || part > 1) continue;
     frame.rig_from_keyframe = interpolate(Rigid3{}, now * then.inverse(), part) * frame.rig_from_keyframe;

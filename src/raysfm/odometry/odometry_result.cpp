@@ -39,14 +39,19 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   Reconstruction out;
   out.rig = rig_.rig();
   out.calibration = refiner_.numbers();
+  out.closures = closures_;
+  std::vector<int> number_of(segments_.size(), -1);  // without those that became part of others
+  for (size_t s = 0, number = 0; s < segments_.size(); ++s) {
+    if (segments_[s].joined_into < 0) number_of[s] = static_cast<int>(number++);
+  }
   out.frames.reserve(frames_.size());
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();
     frame.timestamp = f.timestamp;
     frame.image_name = f.name;
     frame.reason = f.reason;
-    frame.segment = f.segment;
     if (f.segment < 0) continue;
+    frame.segment = number_of[f.segment];
     const Rigid3 rig_from_world = present_pose(f, maps[f.segment]);
     frame.world_from_rig = rig_from_world.inverse();
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);
@@ -54,9 +59,10 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   reserve_for(maps, &out);
   double squares = 0;
   for (int s = 0; s < static_cast<int>(maps.size()); ++s) {
+    if (number_of[s] < 0) continue;
     out.segments.push_back(summary_of(s, maps[s].scale_sigma));
     out.starts.push_back(segments_[s].start);
-    squares += assemble_map(s, std::exchange(maps[s], {}), &out);
+    squares += assemble_map(number_of[s], std::exchange(maps[s], {}), &out);
   }
   if (const std::vector<int> worlds = worlds_in_order(out); !worlds.empty()) {
     out.metric_scale = out.segments[worlds[0]].metric_scale;

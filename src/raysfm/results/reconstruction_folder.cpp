@@ -58,6 +58,13 @@ void read_calibration(const Json& report, Reconstruction* r) {
   }
 }
 
+void read_closures(const Json& report, Reconstruction* r) {
+  for (const Json& c : report.at("closures")) {
+    r->closures.push_back(
+        {c.at("frame"), c.at("with_frame"), c.at("inliers"), c.at("joined_worlds"), c.at("correction")});
+  }
+}
+
 // Frames with a pose lie between those without, of which the report has the numbers.
 void place_frames(const Json& frames, std::vector<PosedFrame> posed, Reconstruction* r) {
   std::map<size_t, PosedFrame> without;
@@ -209,6 +216,7 @@ Result<Reconstruction> read_worlds(const fs::path& folder, const Json& report) {
   if (r.origin == Origin::kTrack) {
     read_rig_json(report, &r.rig);
     read_calibration(report, &r);
+    read_closures(report, &r);
   }
   return r;
 }

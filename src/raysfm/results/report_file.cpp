@@ -118,6 +118,18 @@ Json calibration_json(const std::vector<CalibrationNumber>& numbers) {
   return list;
 }
 
+Json closures_json(const std::vector<Closure>& closures) {
+  Json list = Json::array();
+  for (const Closure& c : closures) {
+    list.push_back({{"frame", c.frame},
+                    {"with_frame", c.with_frame},
+                    {"inliers", c.inliers},
+                    {"joined_worlds", c.joined_worlds},
+                    {"correction", c.correction}});
+  }
+  return list;
+}
+
 const char* command_of(Origin origin) {
   if (origin == Origin::kTrack) return "track";
   return origin == Origin::kSolve ? "solve" : "adjust";
@@ -174,7 +186,7 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["observations"] = reconstruction.observations.size();
   json["rms_reprojection_px"] = reconstruction.rms_reprojection_px;
   json["worlds"] = worlds_json(reconstruction);
-  json["closures"] = Json::array();
+  json["closures"] = closures_json(reconstruction.closures);
   json["segments"] = segments_json(reconstruction.segments);
   json["start"] = starts.empty() ? Json() : starts.front();
   json["starts"] = starts;

@@ -24,6 +24,14 @@ struct TrackObservation {
   int feature = 0;
 };
 
+// A map point seen in an image.
+struct TrackPixel {
+  int track = 0;
+  uint8_t camera = 0;
+  uint8_t octave = 0;  // that the pixel was measured in
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+};
+
 // One scene point as followed through the key frames, with a position once it could be triangulated.
 struct Track {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world; meaningless until triangulated

@@ -65,6 +65,17 @@ struct StartSummary {
   int inliers = 0;          // points that survived
 };
 
+// A place that was seen again long after, or in another world, and what that brought together.
+struct Closure {
+  int frame = 0;               // index of the input frame that saw it again
+  int with_frame = 0;          // that of the earlier one
+  int inliers = 0;             // points that both see
+  bool joined_worlds = false;  // two worlds became one; else a loop was closed
+  // How far the later frame moved for it, as a part of the distance to its points; 0 where worlds were
+  // joined.
+  double correction = 0;
+};
+
 // A number of the calibration, as it was given and as the footage has it.
 struct CalibrationNumber {
   int camera = 0;    // index into Rig::cameras
@@ -97,6 +108,7 @@ struct Reconstruction {
   std::vector<MapPoint> points;
   std::vector<Segment> segments;
   std::vector<StartSummary> starts;  // one per segment
+  std::vector<Closure> closures;     // in the order of their frames
   double rms_reprojection_px = 0;    // over `observations`
 };
 

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "raysfm/features/descriptor.h"
+
+namespace raysfm {
+
+// A place that may show what was asked for.
+struct PlaceVotes {
+  int place = 0;
+  int votes = 0;         // descriptors asked for that look more like one of this place than of most others
+  double by_chance = 0;  // votes that each place would have if nothing had been seen before
+};
+
+// Finds the places, of any number, that share descriptors with what is asked for, without a vocabulary: 64 of
+// the bits of every descriptor are filed under each quarter of theirs (locality-sensitive hashing; Indyk and
+// Motwani 1998), and those that share a quarter are compared in all 64. 48 bytes a descriptor.
+class PlaceIndex {
+ public:
+  // Returns the number of the new place: 0, 1, 2, ...
+  int add(std::span<const Descriptor> descriptors);
+
+  int size() const { return size_; }
+
+  // Every descriptor votes for the two places that have the ones most like it, of those that are not to be
+  // skipped (1; by place, shorter: none of the rest). The `most` places with most votes, best first, the
+  // lower number first where votes are equal.
+  std::vector<PlaceVotes> search(std::span<const Descriptor> descriptors, std::span<const uint8_t> skip,
+                                 int most) const;
+
+ private:
+  struct Entry {
+    uint32_t place;
+    uint32_t low, high;  // the 64 bits
+  };
+  std::vector<std::vector<Entry>> buckets_;  // of one quarter after another
+  int size_ = 0;
+};
+
+}  // namespace raysfm

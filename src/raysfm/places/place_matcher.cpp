@@ -1,0 +1,217 @@
+#include "raysfm/places/place_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+namespace raysfm {
+namespace {
+
+constexpr float kMaxRatio = 0.85f;  // of the distances to the nearest descriptor and to the next
+constexpr int kMinMatches = 12;     // no pose that is sure comes from fewer
+constexpr double kCornerError = 4;  // standard deviations, which are pixels of the octave
+// Once a pose is there: how far a corner may be from where it sees a point, as a part of the image's width,
+// and the bits by which the two may differ.
+constexpr float kGuideShare = 0.012f;
+constexpr int kMostDifferent = 70;
+constexpr double kRivalShare = 0.3;  // of the matches that agree with a pose, which another explains
+constexpr int kNeighbours = 4;       // key frames beside that of the place whose points are looked for
+// Corners stand in groups: so many times more often than in a picture of dots is another one where a wrong
+// match would have to be.
+constexpr double kClustering = 10;
+constexpr int kCellsAcross = 24;  // agreement within one cell of the image counts once
+
+struct PerCamera {
+  int camera;
+  int column, row;
+  auto operator<=>(const PerCamera&) const = default;
+};
+
+// Key frames with descriptors that share most points with one, that one first.
+std::vector<int> described_about(const Map& map, int keyframe) {
+  std::vector<std::pair<int, int>> shared;  // (minus points, key frame)
+  std::vector<int> count(map.keyframes.size(), 0);
+  for (const int t : map.keyframes[keyframe].tracks) {
+    if (t < 0 || !map.tracks[t].triangulated) continue;
+    for (const TrackObservation& o : map.tracks[t].observations) ++count[o.keyframe];
+  }
+  for (int k = 0; k < static_cast<int>(count.size()); ++k) {
+    if (k != keyframe && count[k] > 0 && !map.keyframes[k].described.empty())
+      shared.push_back({-count[k], k});
+  }
+  std::ranges::sort(shared);
+  shared.resize(std::min<size_t>(shared.size(), kNeighbours));
+  std::vector<int> keyframes{keyframe};
+  for (const auto& [points, k] : shared) keyframes.push_back(k);
+  return keyframes;
+}
+
+double log10_choose(int n, int k) {
+  double sum = 0;
+  for (int i = 1; i <= k; ++i) sum += std::log10(double(n - k + i) / i);
+  return sum;
+}
+
+}  // namespace
+
+double log10_chance_poses(int matches, int agreeing, double chance) {
+  constexpr int kSample = 3;
+  if (agreeing <= kSample) return 0;
+  return std::log10(double(matches)) + log10_choose(matches, agreeing) + log10_choose(agreeing, kSample) +
+         (agreeing - kSample) * std::log10(chance);
+}
+
+// What looks alike, wherever it is.
+void PlaceMatcher::match(const DescribedCorners& seen, const Map& map, int keyframe) {
+  const MapKeyFrame& k = map.keyframes[keyframe];
+  match_descriptors(k.descriptors, seen.descriptors, kMaxRatio, &alike_);
+  matches_.clear();
+  for (const DescriptorMatch& m : alike_) {
+    const int track = k.tracks[k.described[m.query]];
+    if (track >= 0 && map.tracks[track].triangulated) matches_.push_back({m.train, track});
+  }
+}
+
+PoseObservations PlaceMatcher::observations(const DescribedCorners& seen, const Map& map) {
+  points_.clear();
+  pixels_.clear();
+  cameras_.clear();
+  rays_.clear();
+  sigmas_.clear();
+  std::erase_if(matches_, [&](const CornerOfTrack& m) {
+    const TrackPixel& corner = seen.corners[m.corner];
+    if (rig_.angular()) {
+      ObservedRay ray;
+      if (!rig_.observe(corner.camera, corner.pixel, &ray)) return true;
+      rays_.push_back(ray);
+    }
+    points_.push_back(map.tracks[m.track].position);
+    pixels_.push_back(corner.pixel.cast<double>());
+    cameras_.push_back(corner.camera);
+    sigmas_.push_back(octave_side(corner.octave));
+    return false;
+  });
+  return {points_, pixels_, cameras_, rays_, sigmas_};
+}
+
+// Keeps the matches that agree with the pose, and returns the others.
+std::vector<CornerOfTrack> PlaceMatcher::keep_inliers() {
+  std::vector<CornerOfTrack> others;
+  size_t kept = 0;
+  for (size_t i = 0; i < matches_.size(); ++i) {
+    if (estimate_.inlier[i]) {
+      matches_[kept++] = matches_[i];
+    } else {
+      others.push_back(matches_[i]);
+    }
+  }
+  matches_.resize(kept);
+  return others;
+}
+
+// Whether another pose explains a good part of what the first left over: the place repeats itself, as a
+// checkerboard does, and neither can be believed.
+bool PlaceMatcher::has_rival(const DescribedCorners& seen, const Map& map, const PoseOptions& options,
+                             std::vector<CornerOfTrack> others) {
+  const auto agreeing = static_cast<double>(matches_.size());
+  if (static_cast<double>(others.size()) < std::max<double>(kMinMatches, kRivalShare * agreeing))
+    return false;
+  std::swap(matches_, others);
+  estimator_.estimate(rig_.rig(), observations(seen, map), nullptr, options, &rival_);
+  std::swap(matches_, others);
+  return rival_.ok() && rival_.inlier_count >= kRivalShare * agreeing;
+}
+
+// The points of the place and of those beside it, looked for where a pose sees them.
+void PlaceMatcher::match_about(const DescribedCorners& seen, const Map& map, int keyframe,
+                               const Rigid3& rig_from_world) {
+  grids_.resize(rig_.size());
+  corners_of_camera_.resize(rig_.size());
+  for (int c = 0; c < rig_.size(); ++c) {
+    corners_of_camera_[c].clear();
+    std::vector<Eigen::Vector2f> pixels;
+    for (size_t i = 0; i < seen.corners.size(); ++i) {
+      if (seen.corners[i].camera != c) continue;
+      corners_of_camera_[c].push_back(static_cast<int>(i));
+      pixels.push_back(seen.corners[i].pixel);
+    }
+    grids_[c].build(pixels, rig_.camera(c).width, rig_.camera(c).height);
+  }
+  matches_.clear();
+  corner_taken_.assign(seen.corners.size(), 0);
+  track_taken_.assign(map.tracks.size(), 0);
+  for (const int k : described_about(map, keyframe)) match_points_of(seen, map, k, rig_from_world);
+}
+
+void PlaceMatcher::match_points_of(const DescribedCorners& seen, const Map& map, int keyframe,
+                                   const Rigid3& rig_from_world) {
+  const MapKeyFrame& k = map.keyframes[keyframe];
+  for (size_t i = 0; i < k.described.size(); ++i) {
+    const int track = k.tracks[k.described[i]];
+    if (track < 0 || track_taken_[track] || !map.tracks[track].triangulated) continue;
+    const Eigen::Vector3d point = rig_from_world * map.tracks[track].position;
+    int best = -1, best_distance = kMostDifferent + 1;
+    for (int c = 0; c < rig_.size(); ++c) {
+      Eigen::Vector2d pixel;
+      if (!rig_.see(c, rig_.cam_from_rig(c) * point, &pixel)) continue;
+      const float radius = kGuideShare * static_cast<float>(rig_.camera(c).width);
+      grids_[c].for_each_in(pixel.cast<float>(), radius, [&](int j) {
+        const int corner = corners_of_camera_[c][j];
+        const int differing = distance(seen.descriptors[corner], k.descriptors[i]);
+        if (corner_taken_[corner] || differing >= best_distance) return;
+        best = corner;
+        best_distance = differing;
+      });
+    }
+    if (best < 0) continue;
+    corner_taken_[best] = track_taken_[track] = 1;
+    matches_.push_back({best, track});
+  }
+}
+
+// Of the matches that agree, among `matched` that were made without knowing where to look.
+double PlaceMatcher::log10_false_alarms(const DescribedCorners& seen, int matched) const {
+  std::set<PerCamera> cells;
+  double chance = 0;
+  for (const CornerOfTrack& m : matches_) {
+    const TrackPixel& corner = seen.corners[m.corner];
+    const Camera& camera = rig_.camera(corner.camera);
+    const float side = static_cast<float>(camera.width) / kCellsAcross;
+    cells.insert({corner.camera, static_cast<int>(corner.pixel.x() / side),
+                  static_cast<int>(corner.pixel.y() / side)});
+    const double radius = kCornerError * octave_side(corner.octave);
+    chance += kClustering * std::numbers::pi * radius * radius / (double(camera.width) * camera.height);
+  }
+  const auto agreeing = static_cast<int>(cells.size());
+  return log10_chance_poses(matched, agreeing, std::min(0.5, chance / static_cast<double>(matches_.size())));
+}
+
+std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& seen, const Map& map,
+                                                       int keyframe, uint64_t seed, uint64_t stream) {
+  match(seen, map, keyframe);
+  const auto matched = static_cast<int>(matches_.size());
+  if (matched < kMinMatches) return std::nullopt;
+  const PoseOptions options{
+      .max_error_px = kCornerError, .min_inliers = kMinMatches, .seed = seed, .stream = stream};
+  estimator_.estimate(rig_.rig(), observations(seen, map), nullptr, options, &estimate_);
+  if (!estimate_.ok()) return std::nullopt;
+  std::vector<CornerOfTrack> others = keep_inliers();
+  if (has_rival(seen, map, options, std::move(others))) return std::nullopt;
+  RecognisedPlace place;
+  place.keyframe = keyframe;
+  place.log10_false_alarms = log10_false_alarms(seen, matched);
+
+  match_about(seen, map, keyframe, estimate_.rig_from_world);
+  const PoseObservations all = observations(seen, map);
+  estimate_.inlier.assign(matches_.size(), 1);
+  estimator_.refine(rig_.rig(), all, options, &estimate_);
+  if (!estimate_.ok()) return std::nullopt;
+  keep_inliers();
+  place.rig_from_world = estimate_.rig_from_world;
+  place.covariance = estimate_.covariance;
+  place.matches = matches_;
+  return place;
+}
+
+}  // namespace raysfm

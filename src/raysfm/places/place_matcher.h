@@ -1,0 +1,72 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "raysfm/features/descriptor.h"
+#include "raysfm/places/described.h"
+#include "raysfm/robust/absolute_pose.h"
+#include "raysfm/scene/map.h"
+#include "raysfm/views/tracking_rig.h"
+
+namespace raysfm {
+
+// Corner `corner` of what was asked about shows the point of track `track` of the map.
+struct CornerOfTrack {
+  int corner = 0;
+  int track = 0;
+};
+
+// A place of a map recognised in what a rig sees at one instant.
+struct RecognisedPlace {
+  int keyframe = 0;  // of the map
+  Rigid3 rig_from_world;
+  Matrix6d covariance = Matrix6d::Zero();  // of the tangent of rig_from_world
+  std::vector<CornerOfTrack> matches;      // that agree with the pose
+  // Logarithm to base 10 of the number of poses that would be agreed on so well by chance, among matches that
+  // are all wrong (a contrario; Moisan and Stival 2004).
+  double log10_false_alarms = 0;
+};
+
+// Recognises places by what their corners look like and, for any camera, by whether one pose explains where
+// they are. Owns scratch memory.
+class PlaceMatcher {
+ public:
+  explicit PlaceMatcher(const TrackingRig& rig) : rig_(rig) {}
+
+  // Whether a view shows the place of a described key frame. `seed` and `stream` draw the samples.
+  std::optional<RecognisedPlace> recognise(const DescribedCorners& seen, const Map& map, int keyframe,
+                                           uint64_t seed, uint64_t stream);
+
+ private:
+  void match(const DescribedCorners& seen, const Map& map, int keyframe);
+  void match_about(const DescribedCorners& seen, const Map& map, int keyframe, const Rigid3& rig_from_world);
+  void match_points_of(const DescribedCorners& seen, const Map& map, int keyframe,
+                       const Rigid3& rig_from_world);
+  PoseObservations observations(const DescribedCorners& seen, const Map& map);
+  std::vector<CornerOfTrack> keep_inliers();
+  bool has_rival(const DescribedCorners& seen, const Map& map, const PoseOptions& options,
+                 std::vector<CornerOfTrack> others);
+  double log10_false_alarms(const DescribedCorners& seen, int matched) const;
+
+  const TrackingRig& rig_;
+  PoseEstimator estimator_;
+  PoseEstimate estimate_, rival_;
+  std::vector<CornerOfTrack> matches_;
+  std::vector<DescriptorMatch> alike_;
+  std::vector<FeatureGrid> grids_;  // of the corners, by camera
+  std::vector<std::vector<int>> corners_of_camera_;
+  std::vector<uint8_t> corner_taken_, track_taken_;
+  std::vector<Eigen::Vector3d> points_;
+  std::vector<Eigen::Vector2d> pixels_;
+  std::vector<int> cameras_;
+  std::vector<ObservedRay> rays_;
+  std::vector<float> sigmas_;
+};
+
+// Logarithm to base 10 of the expected number of triples of `matches` wrong matches whose pose agrees with
+// `agreeing` of them, where one agrees by chance with probability `chance`.
+double log10_chance_poses(int matches, int agreeing, double chance);
+
+}  // namespace raysfm

@@ -1,0 +1,90 @@
+#include "raysfm/places/world_relation.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "raysfm/core/median.h"
+
+namespace raysfm {
+namespace {
+
+constexpr size_t kMinPoints = 12;
+// Median deviation of the logarithms of the ratios of two distances of a point, beyond which they are no
+// ratios of one scale; and of one scale from another that ought to be the same.
+constexpr double kMaxSpread = 0.2, kMaxScaleError = 0.15;
+constexpr double kSigmaOfMedian = 1.4826 * 1.2533;  // of normal errors, from the median deviation
+// Standard deviations of a corner, in the key frame of the place: the depth of a point that is seen from
+// elsewhere is less sure than its direction.
+constexpr double kThereError = 8;
+constexpr double kAgreeingShare = 0.6;
+
+// Whether the key frame of the place sees, where it saw the track there, the position that the point has
+// here.
+bool is_seen_there(const TrackingRig& rig, const Map& there, int keyframe, int track,
+                   const Eigen::Vector3d& point_there, bool* agrees) {
+  const MapKeyFrame& k = there.keyframes[keyframe];
+  for (const TrackObservation& o : there.tracks[track].observations) {
+    if (o.keyframe != keyframe) continue;
+    const int camera = k.cameras[o.feature];
+    Eigen::Vector2d pixel;
+    *agrees =
+        rig.find(camera, rig.cam_from_rig(camera) * (k.rig_from_world * point_there), &pixel) &&
+        (pixel - k.pixels[o.feature].cast<double>()).norm() < kThereError * octave_side(k.octaves[o.feature]);
+    return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+DescribedCorners described_corners(const MapKeyFrame& keyframe) {
+  DescribedCorners out;
+  for (size_t i = 0; i < keyframe.described.size(); ++i) {
+    const int f = keyframe.described[i];
+    if (keyframe.tracks[f] < 0) continue;
+    out.corners.push_back({keyframe.tracks[f], keyframe.cameras[f], keyframe.octaves[f], keyframe.pixels[f]});
+    out.descriptors.push_back(keyframe.descriptors[i]);
+  }
+  return out;
+}
+
+std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& here, int keyframe,
+                                           const DescribedCorners& seen, const Map& there,
+                                           const RecognisedPlace& place, bool same_scale) {
+  const Rigid3& rig_from_here = here.keyframes[keyframe].rig_from_world;
+  WorldRelation out;
+  std::vector<double> ratios;
+  for (const CornerOfTrack& m : place.matches) {
+    const int track = seen.corners[m.corner].track;
+    if (track < 0 || !here.tracks[track].triangulated) continue;
+    const double here_distance = (rig_from_here * here.tracks[track].position).norm();
+    const double there_distance = (place.rig_from_world * there.tracks[m.track].position).norm();
+    ratios.push_back(std::log(there_distance / here_distance));
+    out.points.push_back({track, m.track});
+  }
+  if (ratios.size() < kMinPoints) return std::nullopt;
+  const double log_scale = median_of(&ratios);
+  for (double& r : ratios) r = std::abs(r - log_scale);
+  const double spread = median_of(&ratios);
+  if (!(spread < kMaxSpread) || (same_scale && std::abs(log_scale) > kMaxScaleError)) return std::nullopt;
+  const double scale = same_scale ? 1 : std::exp(log_scale);
+  if (!same_scale) {
+    out.log_scale_sigma = kSigmaOfMedian * spread / std::sqrt(static_cast<double>(ratios.size()));
+  }
+  const Similarity3 rig_there_from_here{scale, rig_from_here.rotation, scale * rig_from_here.translation};
+  out.there_from_here = similarity_of(place.rig_from_world.inverse()) * rig_there_from_here;
+
+  int looked_at = 0, agreeing = 0;
+  for (const SamePoint& p : out.points) {
+    bool agrees = false;
+    const Eigen::Vector3d point = out.there_from_here * here.tracks[p.here].position;
+    if (!is_seen_there(rig, there, place.keyframe, p.there, point, &agrees)) continue;
+    ++looked_at;
+    agreeing += agrees;
+  }
+  if (looked_at < static_cast<int>(kMinPoints) / 2 || agreeing < kAgreeingShare * looked_at)
+    return std::nullopt;
+  return out;
+}
+
+}  // namespace raysfm

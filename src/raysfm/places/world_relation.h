@@ -1,0 +1,35 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "raysfm/geometry/similarity.h"
+#include "raysfm/places/place_matcher.h"
+
+namespace raysfm {
+
+// Two tracks that show one point.
+struct SamePoint {
+  int here = 0, there = 0;
+};
+
+// Where the world of one map lies in that of another, or the end of a map in what it saw long before.
+struct WorldRelation {
+  Similarity3 there_from_here;
+  double log_scale_sigma = 0;  // 0 where the scale is known
+  std::vector<SamePoint> points;
+};
+
+// From a place of the map `there` that was recognised in what a key frame of the map `here` sees: `seen` has
+// its corners with their tracks. Of both maps' points each must be where the other has it, as far as the key
+// frames can tell. With `same_scale` the scale of both is known, and must agree. None where it does not
+// hold.
+std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& here, int keyframe,
+                                           const DescribedCorners& seen, const Map& there,
+                                           const RecognisedPlace& place, bool same_scale);
+
+// The corners of a described key frame, with its tracks.
+DescribedCorners described_corners(const MapKeyFrame& keyframe);
+
+}  // namespace raysfm
