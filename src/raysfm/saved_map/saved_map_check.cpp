@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "raysfm/saved_map/saved_map.h"
 
@@ -88,41 +89,44 @@ Complaint complain_of_keyframe(const MapKeyFrame& k, const KeyFrameSource& sourc
   return complain_of_descriptors(k);
 }
 
-// Key frames ascend, cameras of one differ, and the features name the track.
-Complaint complain_of_track(const Map& map, int t) {
-  const Track& track = map.tracks[t];
-  if (track.triangulated && !is_place(track.position)) return "no position; allowed: finite coordinates";
-  const TrackObservation* last = nullptr;
-  for (const TrackObservation& o : track.observations) {
-    if (o.keyframe < 0 || o.keyframe >= static_cast<int>(map.keyframes.size())) {
-      return fmt::format("seen in key frame {}; allowed: 0 to {}", o.keyframe, map.keyframes.size() - 1);
+// Whether tracks and features name each other: each feature of a track is observed by it, once.
+class ObservationCheck {
+ public:
+  explicit ObservationCheck(const Map& map) : map_(map) {
+    for (const MapKeyFrame& k : map.keyframes) {
+      first_feature_.push_back(is_expected_.size());
+      for (const int track : k.tracks) is_expected_.push_back(track >= 0);
     }
-    const MapKeyFrame& k = map.keyframes[o.keyframe];
-    if (o.feature < 0 || o.feature >= k.size() || k.tracks[o.feature] != t) {
-      return fmt::format("seen as feature {} of key frame {}; allowed: one that names the track", o.feature,
-                         o.keyframe);
-    }
-    if (last && (o.keyframe < last->keyframe ||
-                 (o.keyframe == last->keyframe && k.cameras[o.feature] == k.cameras[last->feature]))) {
-      return fmt::format("seen in key frame {} after {}; allowed: ascending, once in each camera", o.keyframe,
-                         last->keyframe);
-    }
-    last = &o;
   }
-  return {};
-}
 
-// Each observation names a feature of its track: where their numbers are the same, each feature is observed.
-Complaint complain_of_counts(const Map& map) {
-  size_t observations = 0, features = 0;
-  for (const Track& track : map.tracks) observations += track.observations.size();
-  for (const MapKeyFrame& k : map.keyframes) {
-    features += std::ranges::count_if(k.tracks, [](int track) { return track >= 0; });
+  Complaint complain_of_track(int t) {
+    const Track& track = map_.tracks[t];
+    if (track.triangulated && !is_place(track.position)) return "no position; allowed: finite coordinates";
+    for (const TrackObservation& o : track.observations) {
+      if (o.keyframe < 0 || o.keyframe >= static_cast<int>(map_.keyframes.size())) {
+        return fmt::format("seen in key frame {}; allowed: 0 to {}", o.keyframe, map_.keyframes.size() - 1);
+      }
+      const MapKeyFrame& k = map_.keyframes[o.keyframe];
+      const bool names_track = o.feature >= 0 && o.feature < k.size() && k.tracks[o.feature] == t;
+      if (!names_track || !std::exchange(is_expected_[first_feature_[o.keyframe] + o.feature], 0)) {
+        return fmt::format("seen as feature {} of key frame {}; allowed: one that names the track, once",
+                           o.feature, o.keyframe);
+      }
+    }
+    return {};
   }
-  if (observations == features) return {};
-  return fmt::format("{} features of tracks that are seen {} times; allowed: as many", features,
-                     observations);
-}
+
+  // After all tracks.
+  Complaint complain_of_the_rest() const {
+    const auto left = std::ranges::count(is_expected_, 1);
+    return left == 0 ? "" : fmt::format("{} features name tracks that are not seen there", left);
+  }
+
+ private:
+  const Map& map_;
+  std::vector<size_t> first_feature_;  // by key frame
+  std::vector<uint8_t> is_expected_;
+};
 
 Complaint complain_of_free_tracks(const Map& map) {
   std::vector<uint8_t> is_free(map.tracks.size(), 0);
@@ -161,12 +165,14 @@ Complaint complain_of_world(const SavedWorld& world, const Rig& rig) {
     complaint = complain_of_keyframe(map.keyframes[k], world.sources[k], map, rig);
     if (!complaint.empty()) complaint = fmt::format("key frame {}: {}", k, complaint);
   }
-  for (size_t t = 0; complaint.empty() && t < map.tracks.size(); ++t) {
-    complaint = complain_of_track(map, static_cast<int>(t));
-    if (!complaint.empty()) complaint = fmt::format("track {}: {}", t, complaint);
+  if (!complaint.empty()) return complaint;
+  ObservationCheck observations(map);
+  for (size_t t = 0; t < map.tracks.size(); ++t) {
+    complaint = observations.complain_of_track(static_cast<int>(t));
+    if (!complaint.empty()) return fmt::format("track {}: {}", t, complaint);
   }
-  if (complaint.empty()) complaint = complain_of_free_tracks(map);
-  return complaint.empty() ? complain_of_counts(map) : complaint;
+  complaint = observations.complain_of_the_rest();
+  return complaint.empty() ? complain_of_free_tracks(map) : complaint;
 }
 
 Complaint complain_of_rig(const Rig& rig) {

@@ -301,8 +301,9 @@ TEST(SavedMap, ChecksEveryNumber) {
       {[](SavedMap&, Map& m, MapKeyFrame&) {
          m.tracks[1].observations.push_back(m.tracks[1].observations.back());
        },
-       "ascending"},
-      {[](SavedMap&, Map& m, MapKeyFrame&) { m.tracks[1].observations.pop_back(); }, "as many"},
+       "once"},
+      {[](SavedMap&, Map& m, MapKeyFrame&) { m.tracks[1].observations.pop_back(); },
+       "1 features name tracks"},
       {[](SavedMap&, Map&, MapKeyFrame& k) { k.frame = -1; }, "frame -1"},
       {[](SavedMap&, Map&, MapKeyFrame& k) { k.rig_from_world.rotation.w() += 0.01; }, "pose"},
       {[](SavedMap&, Map&, MapKeyFrame& k) { k.octaves.pop_back(); }, "sizes"},
