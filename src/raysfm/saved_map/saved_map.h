@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "raysfm/camera/camera.h"
@@ -53,7 +54,8 @@ class SavedMapWriter {
   static Result<SavedMapWriter> open(const std::filesystem::path& path);
 
   // Replaces the file as a whole: whatever ends the program, it is the old one or the new one. Errors:
-  // internal where the map is not as check_saved_map() wants it; bad input where the file cannot be written.
+  // internal where the map is not as check_saved_map() or the cameras not as a camera file wants them; bad
+  // input where the file cannot be written.
   Result<void> write(const SavedMap& map) const;
 
  private:

@@ -336,11 +336,14 @@ TEST(SavedMap, KeepsTheOldFileWhereTheNewIsNoMap) {
   SavedMap map = random_saved_map(15);
   ASSERT_TRUE(write(map, path));
   const std::string before = content_of(path);
-  map.worlds[0].map.rescaled = -1;
-  const Result<void> written = write(map, path);
-  ASSERT_FALSE(written);
-  EXPECT_EQ(written.error().kind, ErrorKind::kInternal);
-  EXPECT_EQ(content_of(path), before);
+  for (const auto spoil : {+[](SavedMap* m) { m->rig.cameras[1].name = m->rig.cameras[0].name; },
+                           +[](SavedMap* m) { m->worlds[0].map.rescaled = -1; }}) {
+    spoil(&map);
+    const Result<void> written = write(map, path);
+    ASSERT_FALSE(written);
+    EXPECT_EQ(written.error().kind, ErrorKind::kInternal);
+    EXPECT_EQ(content_of(path), before);
+  }
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1);
 }
 

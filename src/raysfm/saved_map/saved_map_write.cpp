@@ -152,9 +152,10 @@ Result<SavedMapWriter> SavedMapWriter::open(const std::filesystem::path& path) {
 }
 
 Result<void> SavedMapWriter::write(const SavedMap& map) const {
-  if (const Result<void> good = check_saved_map(map); !good) {
-    return internal_error(fmt::format("{}: not written: {}", path_.string(), good.error().message));
-  }
+  Result<void> good = check_saved_map(map);
+  if (const auto rig = parse_camera_file(format_camera_file(map.rig), "cameras"); good && !rig)
+    good = rig.error();
+  if (!good) return internal_error(fmt::format("{}: not written: {}", path_.string(), good.error().message));
   return replace_file(path_, [&](const std::filesystem::path& temporary) {
     return write_database(map, temporary, path_.string());
   });
