@@ -16,6 +16,7 @@
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
 #include "raysfm/plots/camera_plot.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
@@ -42,13 +43,6 @@ Result<Rig> read_rig(const std::string& file, const CameraOptions& options, cons
   }
   if (!note.empty() && !common.quiet) std::fprintf(stderr, "%s: note: %s\n", file.c_str(), note.c_str());
   return rig;
-}
-
-Result<int> printed(const std::string& text) {
-  if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {
-    return bad_input("standard output cannot be written");
-  }
-  return 0;
 }
 
 std::string degrees(double value) {

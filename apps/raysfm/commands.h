@@ -27,5 +27,6 @@ Command add_solve(CLI::App& program, const CommonOptions& common);
 Command add_eval(CLI::App& program, const CommonOptions& common);
 Command add_synth(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);
+Command add_map(CLI::App& program, const CommonOptions& common);
 
 }  // namespace raysfm::app

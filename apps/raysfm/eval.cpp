@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -13,6 +12,7 @@
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/plots/plot.h"
 #include "raysfm/results/trajectory_file.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
@@ -163,10 +163,7 @@ Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
     text = as_table(*evaluation, *truth, options) + worlds_table(*worlds, coverage);
     if (!options.plot.empty()) text += fmt::format("plot              {}\n", options.plot);
   }
-  if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {
-    return bad_input("standard output cannot be written");
-  }
-  return 0;
+  return printed(text);
 }
 
 }  // namespace

@@ -78,6 +78,7 @@ int run(int argc, char** argv) {
       {"track", add_track(program, common)}, {"adjust", add_adjust(program, common)},
       {"solve", add_solve(program, common)}, {"eval", add_eval(program, common)},
       {"synth", add_synth(program, common)}, {"camera", add_camera(program, common)},
+      {"map", add_map(program, common)},
   };
 
   try {

@@ -20,6 +20,13 @@ void on_signal(int signal) {
 
 }  // namespace
 
+Result<int> printed(const std::string& text) {
+  if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {
+    return bad_input("standard output cannot be written");
+  }
+  return 0;
+}
+
 StopSignals::StopSignals() {
   stop_requested = false;
   std::signal(SIGINT, on_signal);

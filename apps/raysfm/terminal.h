@@ -4,6 +4,7 @@
 #include <string>
 
 #include "raysfm/core/events.h"
+#include "raysfm/core/result.h"
 
 namespace raysfm::app {
 
@@ -18,6 +19,9 @@ class StopSignals {
   // Of a run that a signal ended.
   int exit_code() const;
 };
+
+// Writes text to standard output: exit code 0, or bad input where that cannot be written.
+Result<int> printed(const std::string& text);
 
 // One line of progress on stderr, rewritten in place on a terminal and written as plain lines elsewhere, and
 // lines of text between. Nothing where quiet.

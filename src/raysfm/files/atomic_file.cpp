@@ -79,21 +79,25 @@ Result<void> write_stream(const fs::path& path, const ContentParts& content) {
   return cause == 0 ? Result<void>() : cannot_write(path, cause);
 }
 
-Result<void> replace_file(const fs::path& path, const ContentParts& content) {
+// Whatever `fill` puts into the open file, which it is also given the name of, comes to stand at `path`,
+// behind whose links nothing is.
+template <typename Fill>
+Result<void> replace_end(const fs::path& path, const Fill& fill) {
   const std::string temporary = temporary_name(path);
   const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file < 0) return cannot_write(path, errno);
 
-  int cause = write_all(file, content);
-  if (cause == 0) cause = flush(file);
+  Result<void> done = fill(file, temporary);
+  int cause = done ? flush(file) : 0;
   if (::close(file) != 0 && cause == 0) cause = errno;
-  if (cause == 0 && std::rename(temporary.c_str(), path.c_str()) != 0) cause = errno;
-  if (cause != 0) {
+  if (done && cause == 0 && std::rename(temporary.c_str(), path.c_str()) != 0) cause = errno;
+  if (done && cause != 0) done = cannot_write(path, cause);
+  if (done) {
+    flush_folder(path);
+  } else {
     ::unlink(temporary.c_str());
-    return cannot_write(path, cause);
   }
-  flush_folder(path);
-  return {};
+  return done;
 }
 
 }  // namespace
@@ -102,7 +106,18 @@ Result<void> write_file(const fs::path& path, const ContentParts& next_part) {
   // First, since the links of /dev/stdout lead to no name.
   if (is_stream(path)) return write_stream(path, next_part);
   const Result<fs::path> end = behind_links(path);
-  return end ? replace_file(*end, next_part) : end.error();
+  if (!end) return end.error();
+  return replace_end(*end, [&](int file, const std::string&) {
+    const int cause = write_all(file, next_part);
+    return cause == 0 ? Result<void>() : cannot_write(*end, cause);
+  });
+}
+
+Result<void> replace_file(const fs::path& path, const FileFiller& fill) {
+  if (is_stream(path)) return bad_input(fmt::format("{}: not a file", path.string()));
+  const Result<fs::path> end = behind_links(path);
+  if (!end) return end.error();
+  return replace_end(*end, [&](int, const std::string& temporary) { return fill(temporary); });
 }
 
 Result<void> write_file(const fs::path& path, std::string_view content) {

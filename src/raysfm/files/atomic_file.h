@@ -22,6 +22,11 @@ Result<void> write_file(const std::filesystem::path& path, std::string_view cont
 using ContentParts = std::function<std::string_view()>;
 Result<void> write_file(const std::filesystem::path& path, const ContentParts& next_part);
 
+// The same of content that somebody else writes, such as a library that wants a name: `write` fills the empty
+// file beside `path` that it is given. Only where `path` is, or will be, a regular file.
+using FileFiller = std::function<Result<void>(const std::filesystem::path& temporary)>;
+Result<void> replace_file(const std::filesystem::path& path, const FileFiller& fill);
+
 // Creates a folder, and those above it, unless it is there. Errors: bad input, naming the folder.
 Result<void> create_folder(const std::filesystem::path& folder);
 

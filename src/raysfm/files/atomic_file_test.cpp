@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <csignal>
+#include <fstream>
 #include <string>
 #include <thread>
 
@@ -129,6 +130,32 @@ TEST(AtomicFile, InputsAreNotReplaced) {
   EXPECT_EQ(check_not_input("--out", folder.path() / "link", inputs).error().message,
             "--out: " + (folder.path() / "link").string() + " would overwrite the input " + input);
   EXPECT_TRUE(check_not_input("--out", folder.path() / "other", inputs).ok());
+}
+
+// A file that somebody else fills takes the place of the old one only when it is filled.
+TEST(AtomicFile, ReplacedByWhatSomebodyElseWrites) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.file("f", "old");
+  fs::create_symlink("f", folder.path() / "link");
+  const Result<void> failed = replace_file(path, [&](const fs::path& temporary) -> Result<void> {
+    EXPECT_EQ(temporary.parent_path(), folder.path());
+    EXPECT_EQ(fs::file_size(temporary), 0u);
+    std::ofstream(temporary) << "half";
+    return bad_input("cause");
+  });
+  ASSERT_FALSE(failed);
+  EXPECT_EQ(failed.error().message, "cause");
+  EXPECT_EQ(content_of(path), "old");
+  EXPECT_EQ(file_count(folder.path()), 2);
+  const FileFiller fill = [](const fs::path& temporary) {
+    std::ofstream(temporary) << "new";
+    return Result<void>();
+  };
+  EXPECT_TRUE(replace_file(folder.path() / "link", fill));
+  EXPECT_EQ(content_of(path), "new");
+  EXPECT_EQ(file_count(folder.path()), 2);
+  EXPECT_FALSE(replace_file("/dev/null", fill));
+  EXPECT_FALSE(replace_file(folder.path() / "none" / "f", fill));
 }
 
 // Whoever reads while it is replaced sees one of the versions, whole.
