@@ -83,7 +83,7 @@ void close_loop(const LoopClosure& loop, bool scale_is_known, Map* map) {
   now = before;
   adjust_graph(now, is_free, edges, {.scale_is_known = scale_is_known});
   for (Track& t : map->tracks) {
-    if (!t.triangulated) continue;
+    if (!t.triangulated || t.observations.empty()) continue;
     const auto inlier = std::ranges::find_if(t.observations, [&](const TrackObservation& o) {
       return map->keyframes[o.keyframe].inliers[o.feature] != 0;
     });
