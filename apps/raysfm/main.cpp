@@ -75,9 +75,10 @@ int run(int argc, char** argv) {
   program.add_option("--config", common.config, "YAML file with options; flags win over it");
 
   const std::pair<const char*, Command> commands[] = {
-      {"track", add_track(program, common)}, {"adjust", add_adjust(program, common)},
-      {"solve", add_solve(program, common)}, {"eval", add_eval(program, common)},
-      {"synth", add_synth(program, common)}, {"camera", add_camera(program, common)},
+      {"track", add_track(program, common)},   {"adjust", add_adjust(program, common)},
+      {"solve", add_solve(program, common)},   {"eval", add_eval(program, common)},
+      {"synth", add_synth(program, common)},   {"camera", add_camera(program, common)},
+      {"export", add_export(program, common)},
   };
 
   try {

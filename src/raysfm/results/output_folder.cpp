@@ -40,11 +40,6 @@ std::optional<Json> report_of(const fs::path& folder) {
   return json.is_object() ? std::move(json) : Json();
 }
 
-// No report leads out of its folder.
-bool stays_below(const fs::path& name) {
-  return !name.empty() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end();
-}
-
 // Whether report.json of the folder tells of a frame with a pose, or cannot be understood.
 bool holds_result(const fs::path& folder) {
   const std::optional<Json> report = report_of(folder);
