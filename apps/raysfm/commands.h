@@ -27,6 +27,7 @@ Command add_solve(CLI::App& program, const CommonOptions& common);
 Command add_eval(CLI::App& program, const CommonOptions& common);
 Command add_synth(CLI::App& program, const CommonOptions& common);
 Command add_export(CLI::App& program, const CommonOptions& common);
+Command add_view(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);
 
 }  // namespace raysfm::app

@@ -10,6 +10,8 @@
 #include <string>
 
 #include "commands.h"
+#include "raysfm/page/page.h"
+#include "raysfm/results/output_folder.h"
 
 namespace {
 
@@ -78,7 +80,7 @@ int run(int argc, char** argv) {
       {"track", add_track(program, common)},   {"adjust", add_adjust(program, common)},
       {"solve", add_solve(program, common)},   {"eval", add_eval(program, common)},
       {"synth", add_synth(program, common)},   {"camera", add_camera(program, common)},
-      {"export", add_export(program, common)},
+      {"export", add_export(program, common)}, {"view", add_view(program, common)},
   };
 
   try {
@@ -108,6 +110,7 @@ int main(int argc, char** argv) {
   // A limit of file sizes is an error of writing like a full disk.
   std::signal(SIGXFSZ, SIG_IGN);
   usual_end = std::set_terminate(on_terminate);
+  if (raysfm::has_page()) raysfm::set_page_writer(raysfm::write_page);
   try {
     return run(argc, argv);
   } catch (const std::exception& e) {
