@@ -41,6 +41,12 @@ function readWorld(json, total) {
   return world;
 }
 
+// Four digits, or so many behind the point of a number that needs an exponent.
+export function digits(x, places = 2) {
+  const plain = x === 0 || (Math.abs(x) < 1e6 && Math.abs(x) >= 1e-3);
+  return plain ? String(Number(x.toPrecision(4))) : x.toExponential(places);
+}
+
 export function readData() {
   const json = JSON.parse(document.getElementById("data").textContent);
   const reasons = new Array(json.total).fill("");

@@ -1,5 +1,5 @@
 // Ties the view, the plots and the controls together.
-import { readData } from "./data.js";
+import { digits, readData } from "./data.js";
 import { Plots } from "./plots.js";
 import { World3d } from "./scene.js";
 
@@ -16,7 +16,6 @@ function element(tag, properties = {}, ...children) {
 }
 
 const world = () => data.worlds[state.world];
-const digits = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3 ? x.toExponential(2) : String(Number(x.toPrecision(4))));
 const length = (x) => (world().metric ? `${digits(x)} m` : `${digits(x)} units`);
 
 function facts() {
@@ -37,6 +36,7 @@ function facts() {
   if (w.metric && w.scaleSigma) rows.push(["scale known to", `${digits(100 * w.scaleSigma)} %`]);
   if (data.rms > 0) rows.push(["reprojection", `${digits(data.rms)} px rms`]);
   if (data.cameras.length) rows.push(["cameras", data.cameras.map((c) => c.name || "camera").join(", ")]);
+  if (data.lenses.length === 1 && data.lenses[0].focal) rows.push(["focal length", `${digits(data.lenses[0].focal[0])} px`]);
   if (data.lenses.length > 1) rows.push(["lenses", String(data.lenses.length)]);
   return element("dl", {}, ...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
 }

@@ -1,5 +1,6 @@
 // Numbers over frames, below the view.
 import uPlot from "uplot";
+import { digits } from "./data.js";
 
 const DARK = { axis: "#9aa4b2", grid: "#232a35" }, LIGHT = { axis: "#556070", grid: "#e3e6eb" };
 const COLOURS = ["#1f9bcf", "#d9480f", "#12915a", "#9c36b5", "#c28a00"];
@@ -14,7 +15,7 @@ export function seriesOf(data, world) {
     if (sigma > 0) position[frame] = sigma;
     if (world.turn[i] > 0) turn[frame] = world.turn[i];
     const lens = data.lenses[world.lens[i]];
-    if (lens && lens.focal) focal[frame] = lens.focal[0];
+    if (data.lenses.length > 1 && lens && lens.focal) focal[frame] = lens.focal[0];
   }
   world.keyframes.frame.forEach((i, k) => {
     const frame = world.index[i];
@@ -54,8 +55,7 @@ export class Plots {
       label.append(value);
       box.append(label);
       this.element.append(box);
-      const short = (u, ticks) => ticks.map((t) => (t !== 0 && Math.abs(t) < 1e-3 ? t.toExponential(1) : String(Number(t.toPrecision(4)))));
-      const axis = { values: short, stroke: style.axis, grid: { stroke: style.grid, width: 1 }, ticks: { stroke: style.grid }, font: "11px system-ui" };
+      const axis = { values: (u, ticks) => ticks.map((t) => digits(t, 1)), stroke: style.axis, grid: { stroke: style.grid, width: 1 }, ticks: { stroke: style.grid }, font: "11px system-ui" };
       const plot = new uPlot(
         {
           width: 300, height: 110, legend: { show: false }, padding: [8, 8, 0, 0],
@@ -93,7 +93,7 @@ export class Plots {
     this.now = frame;
     for (const plot of this.plots) {
       const v = plot.values[frame];
-      plot.value.textContent = v === null || v === undefined ? "" : Number(v.toPrecision(4));
+      plot.value.textContent = v === null || v === undefined ? "" : digits(v);
       plot.redraw(false, false);
     }
   }

@@ -150,7 +150,7 @@ double frames_per_second(const Reconstruction& world) {
   return step > 1e-3 && step <= 1 ? 1 / step : 24;
 }
 
-void add_points(const ExportScene& scene, Json* data) {
+void embed_points(const ExportScene& scene, Json* data) {
   std::string positions, colours;
   for (const MapPoint& point : scene.points) {
     for (int i = 0; i < 3; ++i) append_little_endian(positions, static_cast<float>(point.position[i]));
@@ -196,7 +196,7 @@ Result<void> write_blender(const Reconstruction& world, const ExportScene& scene
   data["sensor_width"] = kSensorWidth;
   data["cameras"] = animated_cameras(scene);
   data["markers"] = markers(world);
-  add_points(scene, &data);
+  embed_points(scene, &data);
   std::string json;
   try {
     json = data.dump(-1, ' ', true);
