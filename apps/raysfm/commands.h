@@ -26,6 +26,8 @@ Command add_adjust(CLI::App& program, const CommonOptions& common);
 Command add_solve(CLI::App& program, const CommonOptions& common);
 Command add_eval(CLI::App& program, const CommonOptions& common);
 Command add_synth(CLI::App& program, const CommonOptions& common);
+Command add_export(CLI::App& program, const CommonOptions& common);
+Command add_view(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);
 Command add_map(CLI::App& program, const CommonOptions& common);
 

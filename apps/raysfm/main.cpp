@@ -10,6 +10,8 @@
 #include <string>
 
 #include "commands.h"
+#include "raysfm/page/page.h"
+#include "raysfm/results/output_folder.h"
 
 namespace {
 
@@ -75,9 +77,10 @@ int run(int argc, char** argv) {
   program.add_option("--config", common.config, "YAML file with options; flags win over it");
 
   const std::pair<const char*, Command> commands[] = {
-      {"track", add_track(program, common)}, {"adjust", add_adjust(program, common)},
-      {"solve", add_solve(program, common)}, {"eval", add_eval(program, common)},
-      {"synth", add_synth(program, common)}, {"camera", add_camera(program, common)},
+      {"track", add_track(program, common)},   {"adjust", add_adjust(program, common)},
+      {"solve", add_solve(program, common)},   {"eval", add_eval(program, common)},
+      {"synth", add_synth(program, common)},   {"camera", add_camera(program, common)},
+      {"export", add_export(program, common)}, {"view", add_view(program, common)},
       {"map", add_map(program, common)},
   };
 
@@ -108,6 +111,7 @@ int main(int argc, char** argv) {
   // A limit of file sizes is an error of writing like a full disk.
   std::signal(SIGXFSZ, SIG_IGN);
   usual_end = std::set_terminate(on_terminate);
+  if (raysfm::has_page()) raysfm::set_page_writer(raysfm::write_page);
   try {
     return run(argc, argv);
   } catch (const std::exception& e) {

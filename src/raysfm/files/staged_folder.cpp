@@ -148,6 +148,11 @@ Result<void> replace_one_by_one(const fs::path& folder, const fs::path& staged,
 
 }  // namespace
 
+bool stays_below(const fs::path& name) {
+  return name.has_filename() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end() &&
+         name.native().find('\0') == std::string::npos;
+}
+
 std::vector<std::string> files_below(const fs::path& folder) {
   std::vector<std::string> files;
   std::error_code failure;

@@ -42,6 +42,9 @@ class StagedFolder {
   int lock_ = -1;  // tells other programs that this one lives
 };
 
+// Whether a name in a list of files leads to something in the folder of the list, and not out of it.
+bool stays_below(const std::filesystem::path& name);
+
 // The files below a folder, links included and not followed, relative to it, in ascending order.
 std::vector<std::string> files_below(const std::filesystem::path& folder);
 

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <system_error>
+#include <utility>
 
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/files/staged_folder.h"
@@ -23,7 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr const char *kReport = "report.json", *kFailed = "failed.json", *kConfig = "config.yaml";
+constexpr const char *kReport = "report.json", *kFailed = "failed.json", *kConfig = "config.yaml",
+                     *kPage = "report.html";
+
+PageWriter page_writer;
 
 void append(const PosedFrame& frame, Trajectory* trajectory) {
   if (!frame.world_from_rig) return;
@@ -38,11 +42,6 @@ std::optional<Json> report_of(const fs::path& folder) {
   const Result<std::string> text = read_text_file(folder / kReport, kMaxReportBytes);
   Json json = text ? Json::parse(*text, nullptr, false) : Json();
   return json.is_object() ? std::move(json) : Json();
-}
-
-// No report leads out of its folder.
-bool stays_below(const fs::path& name) {
-  return !name.empty() && name.is_relative() && std::ranges::find(name, fs::path("..")) == name.end();
 }
 
 // Whether report.json of the folder tells of a frame with a pose, or cannot be understood.
@@ -80,6 +79,18 @@ Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& 
   return {};
 }
 
+// Its title is what the result was made of.
+Result<void> write_page_of(const Reconstruction& reconstruction, const Report& report,
+                           const fs::path& folder) {
+  if (!page_writer) return {};
+  std::string title;
+  for (const std::string& input : report.input) {
+    const fs::path path = (fs::path(input) / ".").lexically_normal().parent_path();
+    title += (title.empty() ? "" : ", ") + path.filename().string();
+  }
+  return page_writer(reconstruction, title, folder / kPage);
+}
+
 Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,
                             std::span<const ResultFile> more, const fs::path& folder) {
   if (auto r = write_worlds(reconstruction, folder); !r) return r;
@@ -87,12 +98,17 @@ Result<void> write_contents(const Reconstruction& reconstruction, Report report,
     if (auto r = file.write(folder / file.name); !r) return r;
   }
   if (auto r = write_file(folder / kConfig, config); !r) return r;
+  if (auto r = write_page_of(reconstruction, report, folder); !r) return r;
   report.files = files_below(folder);
   report.files.emplace_back(kReport);
   return write_report(reconstruction, report, folder / kReport);
 }
 
 }  // namespace
+
+void set_page_writer(PageWriter writer) {
+  page_writer = std::move(writer);
+}
 
 Trajectory posed_frames(const Reconstruction& reconstruction) {
   Trajectory trajectory;
@@ -126,7 +142,7 @@ Result<void> check_output_folder(const fs::path& folder, std::span<const std::st
                                  std::span<const std::string> more) {
   std::vector<std::string> replaced = files_of_result(folder);
   replaced.insert(replaced.end(), more.begin(), more.end());
-  replaced.insert(replaced.end(), {kReport, kFailed, kConfig});
+  replaced.insert(replaced.end(), {kReport, kFailed, kConfig, kPage});
   for (const WorldWriter& writer : world_writers()) replaced.push_back(writer.name);
   for (const std::string& name : replaced) {
     if (auto r = check_not_input("--out", folder / name, inputs); !r) return r;

@@ -32,6 +32,14 @@ struct ResultFile {
   std::function<Result<void>(const std::filesystem::path& path)> write;
 };
 
+// Writes a page that shows a result; `title` may hold anything.
+using PageWriter = std::function<Result<void>(const Reconstruction& reconstruction, const std::string& title,
+                                              const std::filesystem::path& path)>;
+
+// From now on results have report.html, which this writes; empty, as at first: they have none. Not while
+// results are being written.
+void set_page_writer(PageWriter writer);
+
 // Replaces what an older run left in the folder, as a whole or not at all: the files of the main world
 // (world_writers()) at the top, the same of every other world in worlds/1, worlds/2, ..., those of `more`,
 // config.yaml (`config`, as it is) and report.json, which lists them all. Other files in the folder stay.

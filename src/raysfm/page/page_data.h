@@ -1,0 +1,24 @@
+#pragma once
+
+#include <string>
+
+#include "raysfm/scene/reconstruction.h"
+
+namespace raysfm {
+
+// What the page shows, as JSON; viewer/src/data.js reads it. Arrays of numbers are little endian in base64.
+// World by world, the main one first:
+//  - frames with a pose: `index` (u32), `time` (f64, seconds), `pose` (f32: position, quaternion x y z w;
+//  world from
+//    rig), `covariance` (f32: xx xy xz yy yz zz of the position), `turn` (f32: standard deviation of the
+//    rotation, degrees, the root of the mean of three axes), `lens` (i32: index into `lenses`, -1 none)
+//  - key frames: `frame` (u32, index into the frames above), `seen` (u32, observations), `error` (f32, rms of
+//    reprojection in pixels, NaN where there is none)
+//  - points: `xyz` (u16, from 0 to 65535 between `low` and `high`), `rgb` (u8), `count`, `all` (before
+//  thinning), `far`
+//    (left out)
+//  - cameras of the rig, or lenses: their position and the directions of the image's border, in the rig
+// and beside them runs of frames without a pose with the reason. Text has no character that ends a script.
+std::string page_data(const Reconstruction& reconstruction, const std::string& title);
+
+}  // namespace raysfm

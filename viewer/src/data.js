@@ -1,0 +1,55 @@
+// What page_data.cpp wrote, with its arrays unpacked.
+
+function bytesOf(text) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < bytes.length; ++i) bytes[i] = binary.charCodeAt(i);
+  return bytes;
+}
+
+const unpack = (text, Kind) => new Kind(bytesOf(text).buffer);
+
+function readPoints(json) {
+  const quantised = unpack(json.xyz, Uint16Array);
+  const positions = new Float32Array(quantised.length);
+  for (let i = 0; i < quantised.length; ++i) {
+    const axis = i % 3;
+    positions[i] = json.low[axis] + (quantised[i] / 65535) * (json.high[axis] - json.low[axis]);
+  }
+  return { count: json.count, all: json.all, far: json.far, positions, colours: unpack(json.rgb, Uint8Array) };
+}
+
+function readWorld(json, total) {
+  const f = json.frames, k = json.keyframes;
+  const world = {
+    metric: json.metric,
+    scaleSigma: json.scale_sigma,
+    count: f.count,
+    index: unpack(f.index, Uint32Array),
+    time: unpack(f.time, Float64Array),
+    pose: unpack(f.pose, Float32Array),
+    covariance: unpack(f.covariance, Float32Array),
+    turn: unpack(f.turn, Float32Array),
+    lens: unpack(f.lens, Int32Array),
+    keyframes: { frame: unpack(k.frame, Uint32Array), seen: unpack(k.seen, Uint32Array), error: unpack(k.error, Float32Array) },
+    points: readPoints(json.points),
+    at: new Int32Array(total).fill(-1), // frame of the input to frame of this world
+  };
+  world.index.forEach((frame, i) => (world.at[frame] = i));
+  world.keyframeAt = new Int32Array(total).fill(-1);
+  world.keyframes.frame.forEach((i, number) => (world.keyframeAt[world.index[i]] = number));
+  return world;
+}
+
+// Four digits, or so many behind the point of a number that needs an exponent.
+export function digits(x, places = 2) {
+  const plain = x === 0 || (Math.abs(x) < 1e6 && Math.abs(x) >= 1e-3);
+  return plain ? String(Number(x.toPrecision(4))) : x.toExponential(places);
+}
+
+export function readData() {
+  const json = JSON.parse(document.getElementById("data").textContent);
+  const reasons = new Array(json.total).fill("");
+  for (const run of json.missing) reasons.fill(run.reason, run.first, run.last + 1);
+  return { ...json, reasons, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
+}
