@@ -553,6 +553,13 @@ class WithoutCameraFile(TrackTest):
         self.refused("track", images, images, "--out", self.out, says=["2 cameras", "--camera"])
         self.assertFalse((self.out / "report.json").exists())
 
+    def test_footage_wins_over_what_is_told(self):
+        done = run("track", STREET / "images", "--fov", 100, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stderr, r"warning: the field of view that was told means .* 214\.8 pixels, the footage says 41\d\.")
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["lens_source"], report["told_fov_deg"]), ("footage", 100))
+
     def test_images_of_another_size_are_frames_without_pose(self):
         street = self.folder / "mixed"
         shutil.copytree(STREET / "images", street)

@@ -196,6 +196,17 @@ FoundLens lens_of_fov(double fov_deg, const FrameSource& source) {
   return lens;
 }
 
+// What the user should know where the field of view told is not that of the footage; else empty.
+std::string disagreement(const FoundLens& found, const FoundLens& told) {
+  constexpr double kSigmas = 2;
+  const double off = std::log(found.origin.focal / told.origin.focal);
+  if (std::abs(off) <= kSigmas * std::hypot(found.prior.focal, told.prior.focal)) return "";
+  return fmt::format(
+      "the field of view that was told means a focal length of {:.1f} pixels, the footage says {:.1f}, "
+      "which is taken",
+      told.origin.focal, found.origin.focal);
+}
+
 // Whether one camera's footage is all there is.
 Result<void> check_single(const TrackSettings& settings, const Input& input) {
   const size_t streams = settings.mono ? 1 : input.streams.size();
@@ -245,6 +256,7 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
         fmt::format("{}: the lens is not told by the footage: {}; give --camera or --fov", settings.inputs[0],
                     telling.reason));
   }
+  if (telling.lens && told) tell(callbacks.event, Event::Level::kWarning, disagreement(*telling.lens, *told));
   FoundLens lens = telling.lens ? *std::move(telling.lens) : *std::move(told);
   if (!telling.lens) lens.origin.not_told = telling.reason;
   lens.origin.told_fov_deg = settings.fov;
