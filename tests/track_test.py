@@ -329,7 +329,6 @@ class BadInput(TrackTest):
     def test_camera_files(self):
         missing = self.folder / "missing.yaml"
         self.refuses(self.source, camera=missing, says=[missing, "no such file"])
-        self.refused("track", self.source, "--out", self.out, says=["--camera"])
         for name, content in {"nothing.yaml": "", "trajectory.txt": "0 0 0 0 0 0 0 1\n", "settings.yaml": "features: 9\n",
                               "list.yaml": "- 1\n- 2\n", "broken.yaml": "a: [1, 2\n", "zeros.yaml": bytes(100),
                               "mask.yaml": CAMERA + "    mask: no_such.png\n"}.items():
@@ -457,8 +456,132 @@ class NoReconstruction(TrackTest):
         self.fails(sequence, "rotation without translation", 120, camera=camera)
 
 
+class WithoutCameraFile(TrackTest):
+    """The lens comes from the footage, or from the field of view that the user tells."""
+
+    def not_told(self, source, says):
+        done = self.track(source)
+        self.assertEqual((done.returncode, done.stdout), (3, ""), done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        for word in ("the lens is not told by the footage", says, "--camera or --fov"):
+            self.assertIn(word, done.stderr)
+        self.assertFalse((self.out / "trajectory.txt").exists())
+
+    def straight(self):
+        """A sequence whose motion tells no lens; the field of view of its camera is 61.928 degrees."""
+        camera = self.file("straight.yaml", CAMERA.replace("[64, 48]", "[360, 270]").replace("50", "300")
+                           .replace("31.5", "179.5").replace("23.5", "134.5"))
+        sequence = self.folder / "straight"
+        done = run("synth", "corridor", "--motion", "straight", "--frames", 30, "--length", 3, "--samples", 1,
+                   "--camera", camera, "--out", sequence, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (sequence / "camera.yaml").unlink()
+        return sequence
+
+    def test_found(self):
+        street = self.folder / "street"
+        street.mkdir()
+        for name in ("images", "times.txt"):
+            (street / name).symlink_to(STREET / name)
+        self.assertEqual(self.track(STREET, out=self.folder / "calibrated").returncode, 0)
+        done = self.track(street)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], 60)
+        self.assertEqual(report["lens_source"], "footage")
+        self.assertEqual(report["lens_frames"], [0, 59])
+        self.assertAlmostEqual(report["lens_focal_px"] / 410, 1, delta=0.01)  # the street's camera
+        self.assertLess(report["lens_focal_sigma_percent"], 6)
+        self.assertEqual((report["lens_not_told"], report["told_fov_deg"]), (None, None))
+        self.assertIn("lens", report["timing"])
+        self.assertLess(self.error(self.out), 1.5 * self.error(self.folder / "calibrated") + 0.001)
+        found = self.out / "camera.yaml"
+        self.assertIn("From the footage, frames 0 to 59", found.read_text())
+        self.assertEqual(run("camera", "check", found).returncode, 0)
+        again = self.folder / "again"
+        self.assertEqual(self.track(street, "--camera", found, out=again).returncode, 0)
+        report = json.loads((again / "report.json").read_text())
+        self.assertEqual((report["lens_source"], report["lens_focal_px"]), ("camera file", None))
+        self.assertEqual(report["frames"]["posed"], 60)
+
+    def test_threads_change_nothing(self):
+        for threads in (1, 3):
+            done = self.track(STREET / "images", "--threads", threads, out=self.folder / str(threads))
+            self.assertEqual(done.returncode, 0, done.stderr)
+        for name in ("camera.yaml", "trajectory.txt", "points.ply"):
+            self.assertEqual((self.folder / "1" / name).read_bytes(), (self.folder / "3" / name).read_bytes(), name)
+
+    def test_footage_that_does_not_tell(self):
+        straight = self.straight()
+        self.not_told(straight, "pure translation")
+        self.not_told(self.images("still", 8, size=(320, 240)), "no motion")
+        done = self.track(straight, "--fov", 61.928)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], 30)
+        self.assertEqual((report["lens_source"], report["told_fov_deg"]), ("told field of view", 61.928))
+        self.assertIn("pure translation", report["lens_not_told"])
+        self.assertAlmostEqual(report["lens_focal_px"], 300, delta=0.01)
+        result = json.loads(run("eval", self.out, straight, "--json").stdout)
+        self.assertLess(result["ate"]["mean"], 0.005 * result["length_m"])
+
+    def test_almost_pure_rotation(self):
+        if not (SHARED / "fr1-rpy").exists():
+            self.skipTest(f"{SHARED / 'fr1-rpy'} is missing")
+        self.not_told(SHARED / "fr1-rpy" / "rgb", "pure rotation")
+
+    def test_handheld_video(self):
+        """The focal length is within what the report says; the trajectory nearly as good as with a calibration."""
+        source = SHARED / "redkitchen-handheld"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        calibrated = self.folder / "calibrated"
+        self.assertEqual(self.track(source / "first200.mp4", "--camera", source / "camera.yaml", out=calibrated).returncode, 0)
+        self.assertEqual(self.track(source / "first200.mp4").returncode, 0)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], 200)
+        self.assertLess(abs(report["lens_focal_px"] / 526.2 - 1), 2 * report["lens_focal_sigma_percent"] / 100)
+        errors = [json.loads(run("eval", out / "trajectory.txt", source / "truth.txt", "--json").stdout)["ate"]["rmse"]
+                  for out in (self.out, calibrated)]
+        self.assertLess(errors[0], 1.5 * errors[1])
+
+    def test_refused(self):
+        images = self.images("few", 3)
+        for fov in ("200", "4.9", "-60", "nan"):
+            self.refused("track", images, "--out", self.out, f"--fov={fov}", says=["--fov", fov, "5 to 150"])
+        self.refused("track", images, "--out", self.out, "--fov", 60, "--camera", self.camera, says=["--fov", "--camera"])
+        self.refused("track", images, images, "--out", self.out, says=["2 cameras", "--camera"])
+        self.assertFalse((self.out / "report.json").exists())
+
+    def test_footage_wins_over_what_is_told(self):
+        done = run("track", STREET / "images", "--fov", 100, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stderr, r"warning: the field of view that was told means .* 214\.8 pixels, the footage says 41\d\.")
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["lens_source"], report["told_fov_deg"]), ("footage", 100))
+
+    def test_images_of_another_size_are_frames_without_pose(self):
+        street = self.folder / "mixed"
+        shutil.copytree(STREET / "images", street)
+        self.image("mixed/000020.png", (64, 48)).rename(street / "000020.png")
+        self.assertEqual(self.track(street).returncode, 0)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual([f["index"] for f in report["frames"]["without_pose"]], [20])
+        self.assertAlmostEqual(report["lens_focal_px"] / 410, 1, delta=0.01)
+
+
 class Interrupted(TrackTest):
     """What there is when the signal comes is written whole."""
+
+    def test_while_the_lens_is_looked_for(self):
+        command = [program.PROGRAM, "track", STREET / "images", "--out", self.out]
+        with subprocess.Popen([str(c) for c in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as run:
+            self.assertIn("no camera file", run.stderr.readline())
+            run.send_signal(signal.SIGINT)
+            run.communicate(timeout=60)
+        self.assertEqual(run.returncode, 130)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["interrupted"], report["frames"]["total"]), (True, 0))
 
     def interrupt(self, which, code):
         command = [program.PROGRAM, "track", STREET / "images", "--camera", STREET / "camera.yaml", "--out", self.out,

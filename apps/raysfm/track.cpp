@@ -63,16 +63,36 @@ Result<void> prepare_output(const TrackSettings& settings, const std::string& ou
   return prepare_output_folder(out);
 }
 
-// The camera file as refined: of another name where the given one lies in the same folder.
-std::vector<ResultFile> refined_camera(const Reconstruction& r, const TrackSettings& settings,
-                                       const std::string& out) {
+// What a camera file should say of a lens that no file told; empty of one that a file told.
+std::string origin_comment(const TrackResult& result) {
+  const std::optional<LensOrigin>& origin = result.report.lens_origin;
+  if (!origin || origin->source == "camera file") return "";
+  std::string text = fmt::format("# From the {}", origin->source);
+  if (origin->first_frame >= 0) {
+    text += fmt::format(", frames {} to {}", origin->first_frame, origin->last_frame);
+  }
+  text += fmt::format(", where fx was {:.6g} with a standard deviation of {:.2g} %.\n", origin->focal,
+                      100 * origin->focal_sigma);
+  for (const CalibrationNumber& n : result.reconstruction.calibration) {
+    text += fmt::format("# {}: standard deviation {:.3g}{}\n", n.name, n.sigma,
+                        n.refined != n.given ? ", refined" : "");
+  }
+  return text;
+}
+
+// The camera file as refined or found: of another name where the given one lies in the same folder.
+std::vector<ResultFile> found_camera(const TrackResult& result, const TrackSettings& settings,
+                                     const std::string& out) {
+  const Reconstruction& r = result.reconstruction;
   const auto is_refined = [](const CalibrationNumber& n) { return n.refined != n.given; };
-  if (std::ranges::none_of(r.calibration, is_refined)) return {};
+  const std::string comment = origin_comment(result);
+  if (comment.empty() && std::ranges::none_of(r.calibration, is_refined)) return {};
   std::vector<std::string> given = {settings.camera};
   for (const std::string& input : settings.inputs) given.push_back(input + "/camera.yaml");
   const Result<void> is_free = check_not_input("--out", std::filesystem::path(out) / "camera.yaml", given);
-  return {{is_free ? "camera.yaml" : "camera-refined.yaml",
-           [&r](const auto& path) { return write_camera_file(r.rig, path); }}};
+  return {{is_free ? "camera.yaml" : "camera-refined.yaml", [&r, comment](const auto& path) {
+             return write_file(path, comment + format_camera_file(r.rig));
+           }}};
 }
 
 // The exit code of a run that has written its result, or why there was none to write.
@@ -101,7 +121,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   result->report.version = RAYSFM_VERSION;
   const Result<bool> written =
       write_output_folder(result->reconstruction, result->report, effective_config(settings, RAYSFM_VERSION),
-                          arguments.out, refined_camera(result->reconstruction, settings, arguments.out));
+                          arguments.out, found_camera(*result, settings, arguments.out));
   if (!written) return written.error();
   if (!common.quiet && *written) print_summary(*result, arguments.out);
   return outcome(*result, *written, arguments.out, stop);

@@ -116,7 +116,14 @@ std::string yaml_quoted(const std::string& text) {
 std::vector<SettingField> setting_fields(TrackSettings& s) {
   OdometryOptions& o = s.odometry;
   return {
-      {"camera", "camera file; default: the one beside the images", &s.camera, {}},
+      {"camera",
+       "camera file; default: the one beside the images, else the lens is found from the footage",
+       &s.camera,
+       {}},
+      {"fov",
+       "horizontal field of view in degrees, 5 to 150, for footage that does not tell the lens",
+       &s.fov,
+       {}},
       {"fps", "frames per second of images without timestamps", &s.fps, {}},
       {"mono", "use only the first camera of a stereo layout", &s.mono, {}},
       {"seed", "seed of every random choice", &o.seed, {}},

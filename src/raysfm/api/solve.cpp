@@ -149,20 +149,14 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
-  const auto stopped = [&] { return callbacks.stop && callbacks.stop->load(); };
-  SolveCallbacks once = callbacks;
-  bool is_ready = false;
-  once.ready = [&]() -> Result<void> {
-    if (std::exchange(is_ready, true) || !callbacks.ready) return {};
-    return callbacks.ready();
-  };
+  const SolveCallbacks once = callbacks.ready_once();
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_input(*input, settings, callbacks);
   // A few images that do not go well as a video may go better as photos.
   if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
-      input->tracks.image_count <= kFewImages && !stopped() && posed_share(found) < kGoodShare) {
+      input->tracks.image_count <= kFewImages && !callbacks.stopped() && posed_share(found) < kGoodShare) {
     tell(callbacks.event, Event::Level::kInfo,
          found ? "as a video few of the images have a pose, now tried as photos"
                : "not solved as a video, now tried as photos: " + found.error().message);
@@ -175,7 +169,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
     }
   }
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
-  const bool interrupted = input->interrupted || stopped();
+  const bool interrupted = input->interrupted || callbacks.stopped();
   SolveResult result = solve_result(*input, *std::move(found), settings, interrupted);
   warn(result, callbacks.event);
   set_times(start, read_s, &result);

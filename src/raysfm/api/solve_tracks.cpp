@@ -39,6 +39,13 @@ void keep_seen_twice(SolveInput* input) {
   tracks = std::move(few);
 }
 
+CameraInput corners_of(const GrayImage& mask, int features) {
+  CameraInput camera;
+  camera.harris.max_features = features;
+  camera.harris.mask = mask.view();
+  return camera;
+}
+
 }  // namespace
 
 bool TrackJoiner::keyframe_needed(int matched) const {
@@ -63,6 +70,7 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
     followed.place.push_back(seen.place);
   }
   input_.keyframe.back() = 1;
+  ++keyframes_;
   followed_.push_front(std::move(followed));
   if (followed_.size() > kFollowed) followed_.pop_back();
 }
@@ -117,6 +125,45 @@ SolveInput TrackJoiner::finish() {
   return std::move(input_);
 }
 
+TrackReader::TrackReader(Input input, GrayImage mask, int features, int threads)
+    : input_(std::move(input)),
+      mask_(std::move(mask)),
+      stream_(input_.streams, ViewMaker({corners_of(mask_, features)}), threads) {}
+
+Result<std::unique_ptr<TrackReader>> TrackReader::open(Input input, int features, int threads) {
+  const FrameSource& source = *input.streams[0];
+  GrayImage mask;
+  if (input.mask) {
+    Result<GrayImage> read = read_mask(*input.mask, source.width(), source.height());
+    if (!read) return read.error();
+    mask = *std::move(read);
+  }
+  input.streams.resize(1);
+  return std::unique_ptr<TrackReader>(
+      new TrackReader(std::move(input), std::move(mask), features, thread_count(threads)));
+}
+
+Result<SolveInput> TrackReader::read(const std::function<bool(const TrackJoiner&)>& go_on) {
+  TrackJoiner joiner;
+  StageTiming detect, follow;
+  while (go_on(joiner)) {
+    const Result<ViewPtr> view = stream_.next();
+    if (!view) return view.error();
+    if (!*view) break;
+    detect.add((*view)->detect_ms);
+    const ScopedTimer timer(follow);
+    joiner.add(*view);
+  }
+  SolveInput result = joiner.finish();
+  result.stages = {{"detect", detect}, {"follow", follow}};
+  return result;
+}
+
+std::string TrackReader::notes() const {
+  const std::string of_source = source().note(), of_stream = stream_.note();
+  return of_source + (of_source.empty() || of_stream.empty() ? "" : "; ") + of_stream;
+}
+
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   Result<Input> input = open_input(
       {settings.input},
@@ -126,44 +173,25 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
     tell(callbacks.event, Event::Level::kInfo,
          fmt::format("{} is not used, the lens is found from the images", input->calibration_file->string()));
   }
-  FrameSource& source = *input->streams[0];
-  CameraInput camera;
-  camera.harris.max_features = settings.features;
-  GrayImage mask;
-  if (input->mask) {
-    Result<GrayImage> read = read_mask(*input->mask, source.width(), source.height());
-    if (!read) return read.error();
-    mask = *std::move(read);
-    camera.harris.mask = mask.view();
-  }
+  auto reader = TrackReader::open(*std::move(input), settings.features, settings.threads);
+  if (!reader) return reader.error();
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();
   }
-  const int threads = thread_count(settings.threads);
-  input->streams.resize(1);
-  ViewStream stream(input->streams, ViewMaker({camera}), threads);
-  TrackJoiner joiner;
+  const FrameSource& source = (*reader)->source();
   bool interrupted = false;
-  StageTiming detect, follow;
-  while (!(interrupted = callbacks.stop && callbacks.stop->load())) {
-    const Result<ViewPtr> view = stream.next();
-    if (!view) return view.error();
-    if (!*view) break;
-    detect.add((*view)->detect_ms);
-    {
-      const ScopedTimer timer(follow);
-      joiner.add(*view);
+  Result<SolveInput> result = (*reader)->read([&](const TrackJoiner& joiner) {
+    if (callbacks.progress && joiner.frames() > 0) {
+      callbacks.progress("frame", joiner.frames(), source.frame_count());
     }
-    if (callbacks.progress) callbacks.progress("frame", joiner.frames(), source.frame_count());
-  }
-  if (!interrupted) {
-    tell(callbacks.event, Event::Level::kWarning, source.note());
-    tell(callbacks.event, Event::Level::kWarning, stream.note());
-  }
-  if (joiner.frames() == 0) return bad_input(fmt::format("{}: no frames", source.description()));
-  SolveInput result = joiner.finish();
-  result.interrupted = interrupted;
-  result.stages = {{"decode", stream.finish()}, {"detect", detect}, {"follow", follow}};
+    interrupted = callbacks.stopped();
+    return !interrupted;
+  });
+  if (!result) return result;
+  if (!interrupted) tell(callbacks.event, Event::Level::kWarning, (*reader)->notes());
+  if (result->names.empty()) return bad_input(fmt::format("{}: no frames", source.description()));
+  result->interrupted = interrupted;
+  result->stages.insert(result->stages.begin(), {"decode", (*reader)->finish()});
   return result;
 }
 

@@ -1,9 +1,13 @@
 #pragma once
 
 #include <deque>
+#include <functional>
+#include <memory>
 #include <vector>
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/api/view_stream.h"
+#include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/corner_aligner.h"
 #include "raysfm/matching/pair_tracker.h"
 
@@ -17,6 +21,7 @@ class TrackJoiner {
   // The next frame; views of one camera.
   void add(const ViewPtr& view);
   int frames() const { return static_cast<int>(input_.names.size()); }
+  int keyframes() const { return keyframes_; }
 
   // Tracks that two frames see, in the order in which they began.
   SolveInput finish();
@@ -38,6 +43,7 @@ class TrackJoiner {
   void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
 
   SolveInput input_;
+  int keyframes_ = 0;
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track
   CornerAligner aligner_;
@@ -45,6 +51,32 @@ class TrackJoiner {
   std::vector<Eigen::Vector2f> in_base_, in_frame_;
   std::vector<uint8_t> octaves_;  // of in_frame_
   std::vector<PatchAlignment> aligned_;
+};
+
+// The tracks of a video of one camera, or of images in order, stretch by stretch.
+class TrackReader {
+ public:
+  // The first stream of the input, with the mask that lies beside it. Errors: bad input.
+  static Result<std::unique_ptr<TrackReader>> open(Input input, int features, int threads);
+  TrackReader(const TrackReader&) = delete;  // the views look at the mask
+  TrackReader& operator=(const TrackReader&) = delete;
+
+  // Tracks of the next frames, for as long as there are any and `go_on`, asked before each of them, wants
+  // more; numbers of images begin at 0 each time. Errors: bad input.
+  Result<SolveInput> read(const std::function<bool(const TrackJoiner&)>& go_on);
+
+  const FrameSource& source() const { return *input_.streams[0]; }
+  // What the user should know though it is no error, empty where there is nothing; once the end was reached.
+  std::string notes() const;
+  // Ends reading, wherever it is, and tells the time that decoding took.
+  const StageTiming& finish() { return stream_.finish(); }
+
+ private:
+  TrackReader(Input input, GrayImage mask, int features, int threads);
+
+  Input input_;
+  GrayImage mask_;
+  ViewStream stream_;
 };
 
 // Tracks of a video or of images in order, without a calibration. Errors: bad input.

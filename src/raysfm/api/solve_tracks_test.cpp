@@ -22,13 +22,8 @@ struct Place {
 };
 
 // A band-limited texture, facing the camera; sharp enough for octave 0 until it is enlarged.
-ViewPtr textured_view(int frame, const Place& place) {
-  auto view = std::make_shared<View>();
-  view->frame = frame;
-  view->timestamp = 0.1 * frame;
-  view->name = "frame";
-  view->cameras.resize(1);
-  view->cameras[0].image = GrayImage(kWidth, kHeight);
+GrayImage textured_image(const Place& place) {
+  GrayImage image(kWidth, kHeight);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       const Eigen::Vector2d p = 1.5 * place.texture({x, y});
@@ -38,13 +33,43 @@ ViewPtr textured_view(int frame, const Place& place) {
             std::sin(0.09 * k * p.x() + 1.7 * k * k) * std::cos(0.083 * k * p.y() + 0.9 * k) / std::sqrt(k);
         sum += 0.6 * std::sin(0.061 * k * (p.x() + p.y()) + 2.3 * k * k);
       }
-      view->cameras[0].image.row(y)[x] = static_cast<uint8_t>(std::clamp(128.0 + 22.0 * sum, 0.0, 255.0));
+      image.row(y)[x] = static_cast<uint8_t>(std::clamp(128.0 + 22.0 * sum, 0.0, 255.0));
     }
   }
+  return image;
+}
+
+ViewPtr textured_view(int frame, const Place& place) {
+  auto view = std::make_shared<View>();
+  view->frame = frame;
+  view->timestamp = 0.1 * frame;
+  view->name = "frame";
+  view->cameras.resize(1);
+  view->cameras[0].image = textured_image(place);
   HarrisDetector detector;
   detect(detector, HarrisOptions{.max_features = 300}, &view->cameras[0]);
   return view;
 }
+
+// So many frames of the texture, moving to the right.
+class TextureSource : public FrameSource {
+ public:
+  explicit TextureSource(int count) : count_(count) {}
+
+  Result<std::optional<InputFrame>> next() override {
+    if (next_ == count_) return std::optional<InputFrame>();
+    InputFrame frame{next_, 0.1 * next_, std::to_string(next_), {}, {}, {}};
+    frame.gray = textured_image({1, {2.0 * next_++, 0.0}});
+    return std::optional<InputFrame>(std::move(frame));
+  }
+  int width() const override { return kWidth; }
+  int height() const override { return kHeight; }
+  int frame_count() const override { return count_; }
+  std::string description() const override { return "texture"; }
+
+ private:
+  int count_, next_ = 0;
+};
 
 // How far observations of a track are from its first, on the texture; pixels of the first frame.
 struct Drift {
@@ -113,6 +138,26 @@ TEST(TrackJoiner, EveryTrackIsSeenTwiceAndOnceInAnImage) {
     EXPECT_TRUE(once.emplace(input.tracks.image[k], input.tracks.point[k]).second);
   }
   for (const int count : seen) EXPECT_GE(count, 2);
+}
+
+// Stretch after stretch, every frame once; each stretch stands alone.
+TEST(TrackReader, ReadsStretchByStretch) {
+  Input input;
+  input.streams.push_back(std::make_unique<TextureSource>(8));
+  auto reader = TrackReader::open(std::move(input), 300, 2);
+  ASSERT_TRUE(reader);
+  const auto until_five = [](const TrackJoiner& joiner) { return joiner.frames() < 5; };
+  const std::vector<std::vector<std::string>> names = {{"0", "1", "2", "3", "4"}, {"5", "6", "7"}, {}};
+  for (const std::vector<std::string>& expected : names) {
+    const Result<SolveInput> stretch = (*reader)->read(until_five);
+    ASSERT_TRUE(stretch);
+    EXPECT_EQ(stretch->names, expected);
+    if (expected.empty()) continue;
+    EXPECT_EQ(stretch->keyframe[0], 1);
+    EXPECT_GT(stretch->tracks.point_count, 50);
+    EXPECT_EQ(stretch->tracks.image_count, static_cast<int>(expected.size()));
+    EXPECT_EQ(*std::ranges::min_element(stretch->tracks.image), 0);
+  }
 }
 
 }  // namespace

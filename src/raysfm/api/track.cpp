@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "raysfm/api/config.h"
+#include "raysfm/api/find_lens.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
@@ -25,12 +26,18 @@ struct Sources {
   Input input;
   Rig rig;
   std::vector<GrayImage> masks;  // by camera; empty: none is given
+  LensOrigin origin;
+  CalibrationPrior prior;
+  double find_ms = 0;  // that finding the lens took
 };
 
 Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSink& event) {
   if (settings.camera.empty()) {
-    if (input.calibration) return *std::move(input.calibration);
-    return bad_input(fmt::format("{}: no camera file beside it; give one with --camera", settings.inputs[0]));
+    if (settings.fov > 0) {
+      tell(event, Event::Level::kWarning,
+           fmt::format("the field of view is not used, {} tells it", input.calibration_file->string()));
+    }
+    return *std::move(input.calibration);
   }
   std::string note;
   Result<Rig> rig = read_camera_file(settings.camera, &note);
@@ -67,24 +74,52 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
   return mask;
 }
 
-Result<Sources> open_sources(const TrackSettings& settings, const EventSink& event) {
+Result<Input> open_inputs(const TrackSettings& settings) {
+  return open_input(settings.inputs, {.fps = settings.fps,
+                                      .mono = settings.mono,
+                                      .ignore_calibration = !settings.camera.empty(),
+                                      .threads = settings.threads});
+}
+
+// Cameras that no file tells: the input is read for them, and opened again.
+Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input,
+                                      const TrackCallbacks& callbacks) {
+  const Clock::time_point start = Clock::now();
+  Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks);
+  if (!lens) return lens.error();
+  Result<Input> again = open_inputs(settings);
+  if (!again) return again.error();
+  again->streams.resize(1);
+  const double find_ms = milliseconds_since(start);
+  return Sources{*std::move(again), Rig{{lens->camera}}, {}, lens->origin, lens->prior, find_ms};
+}
+
+Result<Sources> sources_of_cameras(const TrackSettings& settings, const TrackCallbacks& callbacks) {
+  Result<Input> input = open_inputs(settings);
+  if (!input) return input.error();
+  if (settings.camera.empty() && !input->calibration) {
+    return sources_of_found_lens(settings, *std::move(input), callbacks);
+  }
+  Result<Rig> rig = read_rig(settings, *input, callbacks.event);
+  if (!rig) return rig.error();
+  return Sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}, {}, {}};
+}
+
+Result<Sources> open_sources(const TrackSettings& settings, const TrackCallbacks& callbacks) {
+  const EventSink& event = callbacks.event;
   if (auto r = check_threads(settings.threads); !r) return r.error();
   if (auto r = validate(settings.odometry); !r) return r.error();
-  Result<Input> input = open_input(settings.inputs, {.fps = settings.fps,
-                                                     .mono = settings.mono,
-                                                     .ignore_calibration = !settings.camera.empty(),
-                                                     .threads = settings.threads});
-  if (!input) return input.error();
-  Result<Rig> rig = read_rig(settings, *input, event);
-  if (!rig) return rig.error();
-  Sources sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}};
+  if (auto r = check_fov(settings); !r) return r.error();
+  Result<Sources> opened = sources_of_cameras(settings, callbacks);
+  if (!opened) return opened;
+  Sources& sources = *opened;
   for (const std::string& warning : place_warnings(sources.rig)) tell(event, Event::Level::kWarning, warning);
   for (const Camera& camera : sources.rig.cameras) {
     Result<GrayImage> mask = mask_of(camera, sources.input);
     if (!mask) return mask.error();
     sources.masks.push_back(*std::move(mask));
   }
-  return sources;
+  return opened;
 }
 
 // The methods that the settings name, for the pipeline.
@@ -121,7 +156,8 @@ void explain_interruption(Reconstruction* reconstruction) {
   }
 }
 
-Report make_report(const TrackSettings& settings, const Tracker& tracker, const StageTiming& decode) {
+Report make_report(const TrackSettings& settings, const Tracker& tracker, const Sources& sources,
+                   const StageTiming& decode) {
   const OdometryTimings t = tracker.timings();
   Report report;
   report.seed = settings.odometry.seed;
@@ -132,6 +168,12 @@ Report make_report(const TrackSettings& settings, const Tracker& tracker, const 
                    {"match", t.match},       {"pose", t.pose},     {"align", t.align},
                    {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"calibrate", t.calibrate},
                    {"frame", t.frame}};
+  if (sources.find_ms > 0) {
+    StageTiming lens;
+    lens.add(sources.find_ms);
+    report.stages.insert(report.stages.begin(), {"lens", lens});
+  }
+  report.lens_origin = sources.origin;
   return report;
 }
 
@@ -155,7 +197,7 @@ std::string changes_in(const std::vector<CalibrationNumber>& numbers) {
 // Puts into words what the user is told as it happens.
 class Narrator : public TrackerObserver {
  public:
-  explicit Narrator(const EventSink& event) : event_(event) {}
+  Narrator(const EventSink& event, const LensOrigin& origin) : event_(event), origin_(origin) {}
 
   void world_started(const WorldStarted& e) override {
     const std::vector<int>& frames = e.start.frames;
@@ -170,8 +212,8 @@ class Narrator : public TrackerObserver {
     const std::string text = changes_in(e.numbers);
     if (e.contradicts) {
       tell(event_, Event::Level::kWarning,
-           fmt::format("the given calibration is that of another lens; at frame {} goes on with {}", e.frame,
-                       text));
+           fmt::format("the lens is another one than that of the {}; at frame {} goes on with {}",
+                       origin_.source, e.frame, text));
     } else {
       tell(event_, Event::Level::kInfo, fmt::format("calibration refined at frame {}: {}", e.frame, text));
     }
@@ -192,13 +234,14 @@ class Narrator : public TrackerObserver {
 
  private:
   const EventSink& event_;
+  const LensOrigin& origin_;
 };
 
 // Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
 Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
                       const std::string& calibration, Tracker& tracker) {
   for (;;) try {
-      if (callbacks.stop && callbacks.stop->load()) return true;
+      if (callbacks.stopped()) return true;
       Result<ViewPtr> view = stream.next();
       if (!view) return view.error();
       if (!*view) return false;
@@ -211,21 +254,37 @@ Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int t
     }
 }
 
+// Of a run that was told to stop while it looked for the lens.
+TrackResult interrupted_before_start(const TrackSettings& settings, const Clock::time_point& start) {
+  TrackResult out;
+  out.report.seed = settings.odometry.seed;
+  out.report.input = settings.inputs;
+  out.report.camera_class = to_string(CameraClass::kCentral);
+  out.report.error = "pixel";
+  out.report.interrupted = true;
+  out.report.wall_s = milliseconds_since(start) / 1000.0;
+  out.report.peak_rss_mib = peak_rss_mib();
+  return out;
+}
+
 }  // namespace
 
-Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& callbacks) {
+Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller) {
   const Clock::time_point start = Clock::now();
+  const TrackCallbacks callbacks = caller.ready_once();
   TrackSettings settings = given;
   if (auto r = choose_methods(&settings); !r) return r.error();
-  Result<Sources> sources = open_sources(settings, callbacks.event);
-  if (!sources) return sources.error();
-  Narrator narrator(callbacks.event);
+  Result<Sources> sources = open_sources(settings, callbacks);
+  if (!sources) {
+    const bool no_lens_yet = sources.error().kind == ErrorKind::kNoReconstruction && callbacks.stopped();
+    return no_lens_yet ? Result(interrupted_before_start(settings, start)) : sources.error();
+  }
+  settings.odometry.calibration_prior = sources->prior;
+  Narrator narrator(callbacks.event, sources->origin);
   Result<std::unique_ptr<Tracker>> made =
       Tracker::create(sources->rig, {settings.odometry, std::move(sources->masks)}, &narrator);
   if (!made) return made.error();
-  if (callbacks.ready) {
-    if (auto r = callbacks.ready(); !r) return r.error();
-  }
+  if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
   ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads));
   FrameSource& source = *sources->input.streams[0];
@@ -244,7 +303,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
 
   out.reconstruction = tracker.finish(settings.final == "global");
   if (*stopped) explain_interruption(&out.reconstruction);
-  out.report = make_report(settings, tracker, stream.finish());
+  out.report = make_report(settings, tracker, *sources, stream.finish());
   out.report.interrupted = *stopped;
   out.report.frames_in_input = source.frame_count();
   out.report.wall_s = milliseconds_since(start) / 1000.0;

@@ -15,6 +15,7 @@ namespace raysfm {
 struct TrackSettings {
   std::vector<std::string> inputs;
   std::string camera;                // path; empty: taken from the input's layout
+  double fov = 0;                    // degrees, horizontal, where no camera file is; 0: not told
   double fps = 0;                    // frames per second of inputs without timestamps; 0: unknown
   bool mono = false;                 // only the first camera of a rig
   int threads = 0;                   // 0: as many as the machine has; never changes a result

@@ -23,9 +23,9 @@ const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
 }  // namespace
 
-CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how)
+CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior)
     : how_(how),
-      parameters_(given, how == LensRefinement::kOn ? kDoubt : 1),
+      parameters_(given, how == LensRefinement::kOn ? kDoubt : 1, prior),
       values_(Eigen::VectorXd::Zero(parameters_.size())) {
   choice_ = choose_calibration(parameters_, CalibrationEvidence::nothing(values_));
 }

@@ -22,7 +22,7 @@ enum class LensRefinement : uint8_t {
 // and weighs that against the given one. All worlds are seen through the same lenses. Owns scratch memory.
 class CalibrationRefiner {
  public:
-  CalibrationRefiner(const Rig& given, LensRefinement how);
+  CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior = {});
 
   // Whether a world of so many key frames has a new stretch to be measured; `last` when no more will come.
   bool is_due(int world, int keyframes, bool last) const;

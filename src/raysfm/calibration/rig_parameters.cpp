@@ -12,13 +12,10 @@
 namespace raysfm {
 namespace {
 
-// How far off calibrations are: a focal length by so large a part, a principal point by so large a part of
-// the width, and a coefficient by what moves the rim of the image by so large a part of its distance.
-constexpr double kFocalPrior = 0.02, kAspectPrior = 0.002, kCentrePrior = 0.01, kRimPrior = 0.03;
-constexpr double kTangentialPrior = 0.003;
 // Cameras of a rig: radians, and a part of the distance from the first camera.
 constexpr double kTurnPrior = 0.02, kShiftPrior = 0.02;
-constexpr double kStep = 1e-3;  // of the prior's standard deviation
+constexpr double kStep = 1e-3;  // of the standard deviation of a usual prior
+constexpr CalibrationPrior kUsual;
 
 std::span<const std::string_view> names_of(const CameraModel& model) {
   return std::visit(
@@ -95,7 +92,8 @@ void change(const RigParameters::Parameter& p, double value, Camera* camera) {
 
 }  // namespace
 
-RigParameters::RigParameters(const Rig& given, double doubt) : given_(given), doubt_(doubt) {
+RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPrior& prior)
+    : given_(given), doubt_(doubt), prior_(prior) {
   for (int c = 0; c < static_cast<int>(given_.cameras.size()); ++c) {
     Camera& camera = given_.cameras[c];
     if (const Pinhole* p = std::get_if<Pinhole>(&camera.model))
@@ -104,37 +102,39 @@ RigParameters::RigParameters(const Rig& given, double doubt) : given_(given), do
     if (c == 0) continue;
     const double distance =
         (camera.rig_from_cam.translation - given_.cameras[0].rig_from_cam.translation).norm();
-    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kTurn, axis, kTurnPrior);
+    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kTurn, axis, kTurnPrior, kTurnPrior);
     if (!(distance > 0)) continue;
-    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, kShiftPrior * distance);
+    const double shift = kShiftPrior * distance;
+    for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, shift, shift);
   }
 }
 
-void RigParameters::add(int camera, Kind kind, int index, double sigma) {
-  parameters_.push_back({camera, kind, index, doubt_ * sigma, kStep * sigma});
+void RigParameters::add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma) {
+  parameters_.push_back({camera, kind, index, doubt_ * prior_sigma, kStep * usual_sigma});
 }
 
 void RigParameters::add_model(int c) {
   const Camera& camera = given_.cameras[c];
-  const auto number = [&](std::string_view name, double sigma) {
+  const auto number = [&](std::string_view name, double CalibrationPrior::*sigma, double unit) {
     const int index = index_of(camera.model, name);
-    if (index >= 0) add(c, Kind::kNumber, index, sigma);
+    if (index >= 0) add(c, Kind::kNumber, index, unit * prior_.*sigma, unit * kUsual.*sigma);
   };
   if (index_of(camera.model, "fx") >= 0 && !std::holds_alternative<Equirectangular>(camera.model)) {
-    add(c, Kind::kFocal, 0, kFocalPrior);
-    add(c, Kind::kAspect, 0, kAspectPrior);
-    number("cx", kCentrePrior * camera.width);
-    number("cy", kCentrePrior * camera.width);
+    add(c, Kind::kFocal, 0, prior_.focal, kUsual.focal);
+    add(c, Kind::kAspect, 0, prior_.aspect, kUsual.aspect);
+    number("cx", &CalibrationPrior::centre, camera.width);
+    number("cy", &CalibrationPrior::centre, camera.width);
   }
   const double rim = rim_of(camera);
   if (std::holds_alternative<Radtan>(camera.model) || std::holds_alternative<Rational>(camera.model)) {
-    number("k1", kRimPrior / std::pow(rim, 2));
-    number("k2", kRimPrior / std::pow(rim, 4));
+    number("k1", &CalibrationPrior::rim, std::pow(rim, -2));
+    number("k2", &CalibrationPrior::rim, std::pow(rim, -4));
   }
   if (std::holds_alternative<KannalaBrandt>(camera.model)) {
-    for (int i = 1; i <= 4; ++i) number("k" + std::to_string(i), kRimPrior / std::pow(rim, 2 * i));
+    for (int i = 1; i <= 4; ++i)
+      number("k" + std::to_string(i), &CalibrationPrior::rim, std::pow(rim, -2 * i));
   }
-  for (const std::string_view name : {"xi", "alpha", "beta"}) number(name, kRimPrior);
+  for (const std::string_view name : {"xi", "alpha", "beta"}) number(name, &CalibrationPrior::rim, 1);
 }
 
 std::string RigParameters::name(int i) const {

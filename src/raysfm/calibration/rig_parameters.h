@@ -8,6 +8,15 @@
 
 namespace raysfm {
 
+// How far off the calibration of a camera may be: standard deviations. The defaults are those of one by a
+// target or the maker.
+struct CalibrationPrior {
+  double focal = 0.02;    // of the focal lengths, as a part of them
+  double aspect = 0.002;  // of fy / fx, as a part of it
+  double centre = 0.01;   // of the principal point, as a part of the image's width
+  double rim = 0.03;      // of a coefficient of distortion: what moves the rim of the image by this part
+};
+
 // The calibration of a rig as unknowns: how far each number is from the one given, so that zero is the given
 // calibration. The focal lengths of a camera are one unknown (the logarithm of their common factor) and their
 // aspect another, since whatever is wrong with one is mostly wrong with both. So it is with cameras of one
@@ -31,8 +40,8 @@ class RigParameters {
 
   // A perspective camera without distortion is given one of zero. Cameras whose model has no numbers
   // have none here either, and the first camera is where the rig is.
-  // `doubt` multiplies how far off the given one may be: 1 for a calibration by a target or the maker.
-  explicit RigParameters(const Rig& given, double doubt = 1);
+  // `doubt` multiplies how far off the given one may be.
+  explicit RigParameters(const Rig& given, double doubt = 1, const CalibrationPrior& prior = {});
 
   int size() const { return static_cast<int>(parameters_.size()); }
   const Parameter& operator[](int i) const { return parameters_[i]; }
@@ -50,12 +59,13 @@ class RigParameters {
   Eigen::VectorXd prior_information() const;
 
  private:
-  void add(int camera, Kind kind, int index, double prior_sigma);
+  void add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma);
   void add_model(int camera);
   bool is_like_first(int camera) const;
 
   Rig given_;
   double doubt_;
+  CalibrationPrior prior_;
   std::vector<Parameter> parameters_;
 };
 

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
+
 #include "support/model_fixtures.h"
 
 namespace raysfm {
@@ -50,6 +52,22 @@ void expect_steps_are_small() {
     EXPECT_GT(angle, 1e-5) << Model::kName << " " << parameters.name(i);
     EXPECT_LT(angle, 0.2) << Model::kName << " " << parameters.name(i);
   }
+}
+
+// Each part of a prior is that of its own numbers, in their units, and no step depends on it.
+TEST(RigParameters, PriorsAreThoseThatAreGiven) {
+  const CalibrationPrior usual, wide{.focal = 0.1, .aspect = 0.01, .centre = 0.03, .rim = 0.12};
+  const RigParameters a(rig_of<Radtan>(), 1, usual), b(rig_of<Radtan>(), 2, wide);
+  ASSERT_EQ(a.size(), b.size());
+  const std::map<std::string, double> factors = {{"fx", 5}, {"fy", 5}, {"cx", 3},
+                                                 {"cy", 3}, {"k1", 4}, {"k2", 4}};
+  ASSERT_EQ(a.size(), static_cast<int>(factors.size()));
+  for (int i = 0; i < a.size(); ++i) {
+    EXPECT_NEAR(b[i].prior_sigma, 2 * factors.at(a.name(i)) * a[i].prior_sigma, 1e-12) << a.name(i);
+    EXPECT_EQ(b[i].step, a[i].step) << a.name(i);
+  }
+  EXPECT_DOUBLE_EQ(b[0].prior_sigma, 0.2);
+  EXPECT_DOUBLE_EQ(b[2].prior_sigma, 2 * 0.03 * 640);
 }
 
 // As far off as the prior allows, no model becomes another camera, and every number does something.

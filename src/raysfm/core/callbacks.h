@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <functional>
+#include <utility>
 
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
@@ -17,6 +18,18 @@ struct Callbacks {
   std::function<Result<void>()> ready;
   std::function<void(Progress...)> progress;  // one call at a time
   const std::atomic<bool>* stop = nullptr;    // set it to end early with what there is
+
+  bool stopped() const { return stop && stop->load(); }
+
+  // The same for work whose parts each call ready() before they begin: the caller hears the first call.
+  Callbacks ready_once() const {
+    Callbacks once = *this;
+    once.ready = [first = ready, is_ready = false]() mutable -> Result<void> {
+      if (std::exchange(is_ready, true) || !first) return {};
+      return first();
+    };
+    return once;
+  }
 };
 
 }  // namespace raysfm

@@ -96,7 +96,7 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       localiser_(rig_, options_),
       mapper_(rig_, options_),
       place_matcher_(rig_),
-      refiner_(rig_.rig(), options_.refine_lens) {
+      refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior) {
   starter_.emplace(rig_, options_);
 }
 

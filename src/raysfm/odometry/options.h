@@ -20,6 +20,7 @@ struct OdometryOptions {
   ErrorMeasure error = ErrorMeasure::kAuto;
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   LensRefinement refine_lens = LensRefinement::kAuto;
+  CalibrationPrior calibration_prior = {};  // of the cameras given
   bool loops = true;  // places seen before are recognised: loops are closed, worlds joined
   uint64_t seed = 0;
 };

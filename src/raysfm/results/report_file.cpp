@@ -142,6 +142,15 @@ void write_lens(const LensReport& lens, Json* json) {
   (*json)["image_size"] = {lens.width, lens.height};
 }
 
+void write_lens_origin(const LensOrigin& lens, Json* json) {
+  (*json)["lens_source"] = lens.source;
+  (*json)["lens_frames"] = lens.first_frame < 0 ? Json() : Json({lens.first_frame, lens.last_frame});
+  (*json)["lens_focal_px"] = lens.focal > 0 ? Json(lens.focal) : Json();
+  (*json)["lens_focal_sigma_percent"] = lens.focal > 0 ? Json(100 * lens.focal_sigma) : Json();
+  (*json)["lens_not_told"] = lens.not_told.empty() ? Json() : Json(lens.not_told);
+  (*json)["told_fov_deg"] = lens.told_fov_deg > 0 ? Json(lens.told_fov_deg) : Json();
+}
+
 void write_model(const ModelReport& model, Json* json) {
   (*json)["format"] = model.format;
   (*json)["model"] = model.name;
@@ -173,6 +182,7 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["input"] = report.input;
   json["interrupted"] = report.interrupted;
   if (report.lens) write_lens(*report.lens, &json);
+  if (report.lens_origin) write_lens_origin(*report.lens_origin, &json);
   if (report.model) write_model(*report.model, &json);
   if (report.adjustment) write_adjustment(*report.adjustment, &json);
   json["camera_class"] = report.camera_class;

@@ -32,6 +32,15 @@ struct LensReport {
   int width = 0, height = 0;    // of the images; where they differ, the largest of each
 };
 
+// Where `track` has the lens from.
+struct LensOrigin {
+  std::string source = "camera file";     // or "footage", or "told field of view"
+  double told_fov_deg = 0;                // horizontal; 0: none was told
+  int first_frame = -1, last_frame = -1;  // that told the lens; -1: none did
+  double focal = 0, focal_sigma = 0;      // pixels, as it was found or told; the second a part of the first
+  std::string not_told = {};              // why the footage does not tell the lens, where it was asked
+};
+
 // The model of another tool that `adjust` worked on.
 struct ModelReport {
   std::string format = {};  // "bal" or "colmap"
@@ -63,6 +72,7 @@ struct Report {
   double peak_rss_mib = 0;
   std::optional<AdjustmentReport> adjustment = {};
   std::optional<LensReport> lens = {};
+  std::optional<LensOrigin> lens_origin = {};
   std::optional<ModelReport> model = {};
 };
 

@@ -1,0 +1,266 @@
+#include "raysfm/api/find_lens.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "raysfm/api/solve_tracks.h"
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/uncalibrated/video_reconstruct.h"
+
+namespace raysfm {
+namespace {
+
+// A stretch has so many frames, more where there is so little motion that key frames are few.
+constexpr int kFrames = 200, kMostFrames = 600, kFewKeyframes = 12;
+constexpr double kShare = 0.5;     // of the points of a key frame, which the one two before sees as well
+constexpr int kStretches = 6;      // with a reconstruction
+constexpr int kAllStretches = 30;  // also those that have none, which is mostly seen at once
+// Standard deviations of focal lengths, as a part of them: those of a stretch are too small by about so
+// much on real footage, whose errors are no noise. Below the first no further stretch is looked at; above
+// the second the lens is not told.
+constexpr double kOptimism = 3, kSure = 0.06, kUsable = 0.1;
+constexpr double kLeastPosed = 0.3;  // part of the frames of a stretch
+// What a field of view that is told may be off by: makers give it of the sensor, or with another crop.
+constexpr CalibrationPrior kTold{.focal = 0.1, .centre = 0.02, .rim = 0.05};
+// Between these lie the standard deviations of the other numbers of a lens that is found.
+constexpr CalibrationPrior kSurest{.centre = 0.002, .rim = 0.005}, kVaguest{.centre = 0.03, .rim = 0.03};
+constexpr double kLeastFov = 5, kMostFov = 150;  // degrees
+
+double radians(double degrees) {
+  return degrees * std::numbers::pi / 180;
+}
+
+double focal_of_fov(double fov_deg, int width) {
+  return 0.5 * width / std::tan(0.5 * radians(fov_deg));
+}
+
+// What a stretch of the footage says: a lens, or why it says none.
+struct Telling {
+  std::optional<FoundLens> lens;
+  std::string reason;
+  bool reconstructed = true;
+};
+
+bool is_long_enough(const TrackJoiner& joiner) {
+  return joiner.frames() >= kMostFrames ||
+         (joiner.frames() >= kFrames && joiner.keyframes() >= kFewKeyframes);
+}
+
+// How far off a lens may be that so large a part of a stretch's key frames agrees with.
+CalibrationPrior prior_of(const UncalibratedReconstruction& found, int image, const PointTracks& tracks,
+                          double posed) {
+  const double doubt = kOptimism / posed;
+  const LensVector& sigma = found.lens_sigma[image];
+  const double focal = found.scene.lenses[image].fx;
+  const double rim2 = std::min(1.0, (0.5 * tracks.image_size / focal).squaredNorm());
+  CalibrationPrior prior{.focal = doubt * sigma[0] / focal};
+  prior.centre = std::clamp(doubt * std::max(sigma[2], sigma[3]) / tracks.image_size.x(), kSurest.centre,
+                            kVaguest.centre);
+  prior.rim = kVaguest.rim;
+  if (!found.radial.none()) {
+    const double rim = std::max(found.radial_sigma.k1 * rim2, found.radial_sigma.k2 * rim2 * rim2);
+    prior.rim = std::clamp(doubt * rim, kSurest.rim, kVaguest.rim);
+  }
+  return prior;
+}
+
+FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const SolveInput& stretch, int first_frame,
+                          double posed) {
+  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+  const CalibrationPrior prior = prior_of(found, static_cast<int>(image), stretch.tracks, posed);
+  FoundLens lens{frame_lens(found.scene.lenses[image], found.radial).camera, prior, {}};
+  lens.camera.name = "camera";
+  lens.camera.width = static_cast<int>(stretch.tracks.image_size.x());
+  lens.camera.height = static_cast<int>(stretch.tracks.image_size.y());
+  lens.origin = {.source = "footage",
+                 .first_frame = first_frame,
+                 .last_frame = first_frame + static_cast<int>(stretch.names.size()) - 1,
+                 .focal = found.scene.lenses[image].fx,
+                 .focal_sigma = lens.prior.focal};
+  return lens;
+}
+
+// The key frames, without those between two that share enough points as they are.
+std::vector<int> chosen_keyframes(const SolveInput& stretch) {
+  const PointTracks& tracks = stretch.tracks;
+  std::vector<std::vector<int>> seen(tracks.image_count);
+  for (int k = 0; k < tracks.size(); ++k) seen[tracks.image[k]].push_back(tracks.point[k]);
+  std::vector<int> keyframes;
+  for (int j = 0; j < tracks.image_count; ++j) {
+    if (stretch.keyframe[j]) keyframes.push_back(j);
+  }
+  if (keyframes.size() < 3) return keyframes;
+  std::vector<int> chosen = {keyframes.front()};
+  std::vector<uint8_t> marked(tracks.point_count);
+  for (size_t i = 1; i < keyframes.size(); ++i) {
+    const bool is_last = i + 1 == keyframes.size();
+    std::ranges::fill(marked, 0);
+    for (const int point : seen[chosen.back()]) marked[point] = 1;
+    const std::vector<int>& next = seen[keyframes[is_last ? i : i + 1]];
+    const auto shared = std::ranges::count_if(next, [&](int point) { return marked[point]; });
+    if (is_last || shared < kShare * static_cast<double>(next.size())) chosen.push_back(keyframes[i]);
+  }
+  return chosen;
+}
+
+// What the chosen key frames alone see.
+PointTracks seen_by_keyframes(const SolveInput& stretch) {
+  const std::vector<int> keyframes = chosen_keyframes(stretch);
+  std::vector<int> number(stretch.keyframe.size(), -1), place(stretch.tracks.point_count, -1);
+  PointTracks few;
+  few.image_size = stretch.tracks.image_size;
+  few.image_count = static_cast<int>(keyframes.size());
+  for (size_t j = 0; j < keyframes.size(); ++j) number[keyframes[j]] = static_cast<int>(j);
+  for (int k = 0; k < stretch.tracks.size(); ++k) {
+    const int image = number[stretch.tracks.image[k]];
+    if (image < 0) continue;
+    int& point = place[stretch.tracks.point[k]];
+    if (point < 0) point = few.point_count++;
+    few.add(image, point, stretch.tracks.pixel[k]);
+  }
+  return few;
+}
+
+Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
+                     const std::atomic<bool>* stop) {
+  SolveOptions options;
+  options.lens = LensChange::kFixed;
+  options.seed = settings.odometry.seed;
+  if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
+  const PointTracks tracks = seen_by_keyframes(stretch);
+  const std::vector<uint8_t> all(tracks.image_count, 1);
+  const auto found = reconstruct_video(
+      tracks, all, options,
+      {.radial = RadialChoice::kIfSure, .threads = thread_count(settings.threads), .stop = stop});
+  if (!found) return {{}, found.error().message, false};
+  if (!found->degenerate.empty()) return {{}, found->degenerate};
+  const double posed = static_cast<double>(std::ranges::count(found->image_posed, 1)) /
+                       static_cast<double>(found->image_posed.size());
+  if (posed < kLeastPosed || found->lens_sigma.empty()) {
+    return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
+  }
+  Telling telling{lens_of_stretch(*found, stretch, first_frame, posed), {}};
+  const double sigma = telling.lens->prior.focal;
+  if (!(sigma <= kUsable)) {
+    telling = {{}, fmt::format("the focal length is known to {:.0f} % only", 100 * sigma)};
+  }
+  return telling;
+}
+
+bool is_better(const Telling& a, const Telling& b) {
+  return a.lens && (!b.lens || a.lens->prior.focal < b.lens->prior.focal);
+}
+
+std::string described(const Telling& telling, int end) {
+  if (!telling.lens) return fmt::format("no lens from the frames before {}: {}", end, telling.reason);
+  const LensOrigin& o = telling.lens->origin;
+  return fmt::format("frames {} to {} tell a focal length of {:.1f} pixels, right within {:.1f} %",
+                     o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma);
+}
+
+// The best of what stretch after stretch tells; none where the footage tells no lens, or to stop.
+Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
+                            const TrackCallbacks& callbacks) {
+  Telling best{{}, "interrupted"};
+  int begin = 0, reconstructed = 0;
+  for (int i = 0; i < kAllStretches && reconstructed < kStretches; ++i) {
+    const Result<SolveInput> stretch = reader.read(
+        [&](const TrackJoiner& joiner) { return !callbacks.stopped() && !is_long_enough(joiner); });
+    if (!stretch) return stretch.error();
+    if (begin == 0 && stretch->names.empty() && !callbacks.stopped()) {
+      return bad_input(fmt::format("{}: no frames", reader.source().description()));
+    }
+    if (stretch->names.empty() || callbacks.stopped()) break;
+    Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop);
+    if (callbacks.stopped()) break;
+    begin += static_cast<int>(stretch->names.size());
+    reconstructed += telling.reconstructed;
+    tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
+    if (i == 0 || is_better(telling, best)) best = std::move(telling);
+    if (best.lens && best.lens->prior.focal <= kSure) break;
+  }
+  return best;
+}
+
+FoundLens lens_of_fov(double fov_deg, const FrameSource& source) {
+  const double focal = focal_of_fov(fov_deg, source.width());
+  FoundLens lens{{}, kTold, {}};
+  lens.camera.name = "camera";
+  lens.camera.width = source.width();
+  lens.camera.height = source.height();
+  lens.camera.model = Pinhole{focal, focal, 0.5 * (source.width() - 1), 0.5 * (source.height() - 1)};
+  lens.origin = {.source = "told field of view", .focal = focal, .focal_sigma = kTold.focal};
+  return lens;
+}
+
+// What the user should know where the field of view told is not that of the footage; else empty.
+std::string disagreement(const FoundLens& found, const FoundLens& told) {
+  constexpr double kSigmas = 2;
+  const double off = std::log(found.origin.focal / told.origin.focal);
+  if (std::abs(off) <= kSigmas * std::hypot(found.prior.focal, told.prior.focal)) return "";
+  return fmt::format(
+      "the field of view that was told means a focal length of {:.1f} pixels, the footage says {:.1f}, "
+      "which is taken",
+      told.origin.focal, found.origin.focal);
+}
+
+// Whether one camera's footage is all there is.
+Result<void> check_single(const TrackSettings& settings, const Input& input) {
+  const size_t streams = settings.mono ? 1 : input.streams.size();
+  if (streams == 1) return {};
+  return bad_input(
+      fmt::format("{}: no camera file for its {} cameras; give one with --camera, only the lens "
+                  "of a single camera is found from the footage",
+                  settings.inputs[0], streams));
+}
+
+}  // namespace
+
+Result<void> check_fov(const TrackSettings& settings) {
+  if (settings.fov == 0) return {};
+  if (!settings.camera.empty()) {
+    return bad_input(fmt::format("--fov = {}: not allowed with --camera, which tells it", settings.fov));
+  }
+  if (settings.fov >= kLeastFov && settings.fov <= kMostFov) return {};
+  return bad_input(fmt::format("--fov = {}: must be {} to {} degrees", settings.fov, kLeastFov, kMostFov));
+}
+
+Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks) {
+  if (auto r = check_single(settings, input); !r) return r.error();
+  const bool is_device = input.layout == "device";
+  if (is_device && settings.fov == 0) {
+    return bad_input(
+        fmt::format("{}: a device is not read twice: its lens is not found from the footage; "
+                    "give --camera or --fov",
+                    settings.inputs[0]));
+  }
+  std::optional<FoundLens> told;
+  if (settings.fov > 0) told = lens_of_fov(settings.fov, *input.streams[0]);
+  Telling telling{{}, "a device is not read twice"};
+  if (!is_device) {
+    if (callbacks.ready) {
+      if (auto r = callbacks.ready(); !r) return r.error();
+    }
+    tell(callbacks.event, Event::Level::kInfo, "no camera file: the lens is looked for in the footage");
+    auto reader = TrackReader::open(std::move(input), SolveSettings().features, settings.threads);
+    if (!reader) return reader.error();
+    Result<Telling> asked = ask_footage(settings, **reader, callbacks);
+    if (!asked) return asked.error();
+    telling = *std::move(asked);
+  }
+  if (!telling.lens && !told) {
+    return no_reconstruction(
+        fmt::format("{}: the lens is not told by the footage: {}; give --camera or --fov", settings.inputs[0],
+                    telling.reason));
+  }
+  if (telling.lens && told) tell(callbacks.event, Event::Level::kWarning, disagreement(*telling.lens, *told));
+  FoundLens lens = telling.lens ? *std::move(telling.lens) : *std::move(told);
+  if (!telling.lens) lens.origin.not_told = telling.reason;
+  lens.origin.told_fov_deg = settings.fov;
+  return lens;
+}
+
+}  // namespace raysfm

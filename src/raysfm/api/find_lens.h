@@ -1,0 +1,29 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "raysfm/api/track.h"
+#include "raysfm/calibration/rig_parameters.h"
+#include "raysfm/frames/frame_source.h"
+
+namespace raysfm {
+
+// A lens that no camera file told.
+struct FoundLens {
+  Camera camera;           // perspective, square pixels, of the size of the frames
+  CalibrationPrior prior;  // how far off it may be
+  LensOrigin origin;
+};
+
+// Bad input for a field of view out of range, or one that is told beside a camera file.
+Result<void> check_fov(const TrackSettings& settings);
+
+// The lens of a video without a camera file: from the first stretch of the footage that tells it well, else
+// from the one that tells it best, else from the field of view that the settings tell. Reads the input,
+// perhaps to its end. Errors: bad input, where one camera's footage is not what is given or it cannot be read
+// twice; no reconstruction, where neither footage nor settings tell the lens, with the reason, or when told
+// to stop.
+Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks);
+
+}  // namespace raysfm
