@@ -68,7 +68,8 @@ double median_distance(const ExportScene& scene, int camera) {
   for (const ExportImage& image : scene.images) {
     if (image.camera != camera) continue;
     for (const ExportKeypoint& k : image.keypoints) {
-      distances.push_back((scene.points[k.point].position - image.world_from_cam.translation).norm());
+      const double distance = (scene.points[k.point].position - image.world_from_cam.translation).norm();
+      if (std::isfinite(distance)) distances.push_back(distance);
     }
   }
   return distances.empty() ? kFar : std::max(1e-9, median_of(&distances));
