@@ -25,6 +25,10 @@ constexpr double kSensorWidth = 36;  // millimetres; only its ratio to the focal
 // What runs in Blender, behind `data = json.loads(...)`.
 constexpr const char* kScript = R"PY(
 scene = bpy.context.scene
+if not bpy.data.filepath:  # what a new file begins with stands in the way
+    for name in ("Cube", "Camera"):
+        if name in bpy.data.objects:
+            bpy.data.objects.remove(bpy.data.objects[name])
 collection = bpy.data.collections.new("raysfm")
 scene.collection.children.link(collection)
 root = bpy.data.objects.new("raysfm world", None)
@@ -164,13 +168,16 @@ void embed_points(const ExportScene& scene, Json* data) {
 Result<void> check_alike(const ExportScene& scene) {
   for (const Camera& camera : scene.cameras) {
     const Camera& first = scene.cameras.front();
-    const bool alike = camera.width == first.width && camera.height == first.height &&
-                       std::abs(aspect_of(*pinhole_of(camera)) / aspect_of(*pinhole_of(first)) - 1) < 1e-9;
-    if (alike) continue;
-    return bad_input(
-        "Blender has one size of images and one shape of pixels for all cameras, here they differ; "
-        "--undistort makes "
-        "pixels square");
+    if (camera.width != first.width || camera.height != first.height) {
+      return bad_input(
+          fmt::format("Blender has one size of images for all cameras, here are {} x {} and {} x {}; "
+                      "--format colmap or nerfstudio can",
+                      first.width, first.height, camera.width, camera.height));
+    }
+    if (std::abs(aspect_of(*pinhole_of(camera)) / aspect_of(*pinhole_of(first)) - 1) > 1e-9) {
+      return bad_input(
+          "Blender has one shape of pixels for all cameras, here they differ; --undistort makes all square");
+    }
   }
   return {};
 }

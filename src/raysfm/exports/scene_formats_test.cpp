@@ -299,6 +299,20 @@ TEST(SceneFormats, WhatEachHolds) {
   EXPECT_EQ(held(kCentred), "");
 }
 
+TEST(SceneFormats, BlenderHasOneSizeAndOneShapeOfPixels) {
+  const TemporaryFolder temporary;
+  Reconstruction world = small_reconstruction({kCentred, Pinhole{600, 600, 100, 200}});
+  EXPECT_TRUE(write_blender(world, scene_of(world), temporary.path()).ok());
+  world.rig.cameras[1].model = Pinhole{600, 700, 100, 200};
+  Result<void> written = write_blender(world, scene_of(world), temporary.path());
+  ASSERT_FALSE(written.ok());
+  EXPECT_NE(written.error().message.find("--undistort"), std::string::npos);
+  world.rig.cameras[1].width = 641;
+  written = write_blender(world, scene_of(world), temporary.path());
+  ASSERT_FALSE(written.ok());
+  EXPECT_NE(written.error().message.find("641 x 480"), std::string::npos);
+}
+
 TEST(SceneFormats, NamesOfImages) {
   Reconstruction world = small_reconstruction({kCentred});
   world.frames[0].image_name = "../../outside.png";

@@ -68,7 +68,8 @@ double median_distance(const ExportScene& scene, int camera) {
   for (const ExportImage& image : scene.images) {
     if (image.camera != camera) continue;
     for (const ExportKeypoint& k : image.keypoints) {
-      distances.push_back((scene.points[k.point].position - image.world_from_cam.translation).norm());
+      const double distance = (scene.points[k.point].position - image.world_from_cam.translation).norm();
+      if (std::isfinite(distance)) distances.push_back(distance);
     }
   }
   return distances.empty() ? kFar : std::max(1e-9, median_of(&distances));
@@ -108,11 +109,10 @@ class Undistorter {
   void add_image(const ExportImage& image) {
     const size_t first = to_.scene.images.size();
     for (const int face : faces_[image.camera]) {
-      const std::string& folder = folders_[face];
       ExportImage& made = to_.scene.images.emplace_back();
       made.frame = image.frame;
       made.camera = face;
-      made.name = folder.empty() ? image.name : folder + "/" + image.name;
+      made.name = name_of_face(image.name, folders_[face]);
       made.world_from_cam = image.world_from_cam * camera_from_face(face);
     }
     for (const ExportKeypoint& k : image.keypoints) add_keypoint(image, k, first);
@@ -123,6 +123,15 @@ class Undistorter {
  private:
   Rigid3 camera_from_face(int face) const {
     return {Eigen::Quaterniond(to_.rotations[face]), to_.sources[to_.source[face]].origin()};
+  }
+
+  // A folder for each face. Those of a rig's camera go by its name too: COLMAP tells cameras by how the names
+  // of their images begin.
+  std::string name_of_face(const std::string& name, const std::string& face) const {
+    if (face.empty()) return name;
+    const size_t camera = from_.rig && from_.cameras.size() > 1 ? name.find('/') : name.npos;
+    return camera == name.npos ? face + "/" + name
+                               : name.substr(0, camera) + "_" + face + name.substr(camera);
   }
 
   void add_face(int c, const Face& face, Camera camera) {

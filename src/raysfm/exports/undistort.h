@@ -23,10 +23,10 @@ class PinholeSource {
   bool direction(const Eigen::Vector2d& pixel, Eigen::Vector3d* direction) const;
 
   const Camera& camera() const { return camera_; }
-  const Eigen::Vector3d& origin() const {
-    return origin_;
-  }                                          // mean of those of the rays, in the camera's frame
-  double widest() const { return widest_; }  // angle off the axis z of any ray; radians
+  // Mean origin of the rays, in the camera's frame.
+  const Eigen::Vector3d& origin() const { return origin_; }
+  // Largest angle of a ray off the axis z; radians.
+  double widest() const { return widest_; }
 
  private:
   double skew_shift(double v) const;
@@ -50,8 +50,9 @@ struct UndistortedScene {
 
 // Cameras that see no farther than 60 degrees off their axis become a pinhole each, of the same size and
 // focal length at the middle; others a cube of faces of 90 degrees, "front", "right", "back", "left", "down"
-// and "up", without those that see almost nothing. Faces stand in folders of their names. Keypoints move
-// along. Errors: bad input, where the size of the images is not known or a camera sees nothing.
+// and "up", without those that see almost nothing. The images of a face stand in a folder of its name, in a
+// rig of several cameras "<camera>_<face>". Keypoints move along. Errors: bad input, where the size of the
+// images is not known or a camera sees nothing.
 Result<UndistortedScene> undistort(const ExportScene& scene);
 
 }  // namespace raysfm

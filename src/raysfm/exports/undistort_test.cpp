@@ -87,6 +87,9 @@ TEST(Undistort, AFisheyeOfARigKeepsTheFacesThatItSees) {
   EXPECT_TRUE(names.contains("cam1_front"));
   EXPECT_TRUE(names.contains("cam1_left"));
   EXPECT_FALSE(names.contains("cam1_back"));
+  for (const ExportImage& image : made.scene.images) {
+    EXPECT_EQ(image.name.substr(0, image.name.find('/')), made.scene.cameras[image.camera].name);
+  }
   expect_points_where_pinholes_see_them(made.scene, world.observations.size() * 8 / 10);
 }
 
@@ -117,7 +120,7 @@ TEST(Undistort, PixelsAndDirectionsAreInverse) {
   skewed.height = 480;
   for (const PinholeSource& source :
        {PinholeSource(skewed, 6, 1), PinholeSource(world.rig.cameras[0], 0, 5)}) {
-    for (const Eigen::Vector2d pixel : {Eigen::Vector2d(300, 20), Eigen::Vector2d(500, 400)}) {
+    for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(300, 20), Eigen::Vector2d(500, 400)}) {
       Eigen::Vector3d direction;
       Eigen::Vector2d back;
       ASSERT_TRUE(source.direction(pixel, &direction));
