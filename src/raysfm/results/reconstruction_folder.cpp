@@ -58,7 +58,9 @@ void read_calibration(const Json& report, Reconstruction* r) {
   }
 }
 
+// Likewise.
 void read_closures(const Json& report, Reconstruction* r) {
+  if (!report.contains("closures")) return;
   for (const Json& c : report.at("closures")) {
     r->closures.push_back(
         {c.at("frame"), c.at("with_frame"), c.at("inliers"), c.at("joined_worlds"), c.at("correction")});

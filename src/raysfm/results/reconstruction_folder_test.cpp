@@ -40,6 +40,7 @@ Reconstruction uneven_reconstruction(int cameras, bool two_worlds) {
   r.segments = {{0, 2, "track lost", false, 0.1}, {3, 11, "end of input", true, 1.0 / 7}};
   r.calibration = {{0, "k1", 0, 1.0 / 3, 1.0 / 7, 5.5, true}, {0, "cx", 320.1, 320.1, 6.4, 0, false}};
   r.starts = {{"five-point", {0, 1, 2}, 20}, {"pless", {3, 6, 9}, 30}};
+  r.closures = {{8, 1, 77, false, 1.0 / 3}, {11, 0, 45, true, 0}};
   for (int i = 3; i < 12; ++i) {
     if (r.frames[i].world_from_rig) r.frames[i].segment = 1;
   }
@@ -118,6 +119,12 @@ void expect_same_report(const Reconstruction& read, const Reconstruction& r) {
     const CalibrationNumber &a = read.calibration[i], &b = r.calibration[i];
     EXPECT_EQ(std::tie(a.camera, a.name, a.given, a.refined, a.sigma, a.significance, a.told),
               std::tie(b.camera, b.name, b.given, b.refined, b.sigma, b.significance, b.told));
+  }
+  ASSERT_EQ(read.closures.size(), r.closures.size());
+  for (size_t i = 0; i < r.closures.size(); ++i) {
+    const Closure &a = read.closures[i], &b = r.closures[i];
+    EXPECT_EQ(std::tie(a.frame, a.with_frame, a.inliers, a.joined_worlds, a.correction),
+              std::tie(b.frame, b.with_frame, b.inliers, b.joined_worlds, b.correction));
   }
   ASSERT_EQ(read.starts.size(), r.starts.size());
   for (size_t s = 0; s < r.starts.size(); ++s) {
