@@ -347,7 +347,6 @@ void Odometry::join(Meeting meeting) {
   active_ = first;
   if (previous_ && !stays) {
     for (PointMatch& m : previous_->pose.matches) m.track += numbers.first_track_of_second;
-    previous_->velocity.translation *= first_from_second.scale;
   }
   for (SamePoint& p : meeting.relation.points) {
     (stays ? p.there : p.here) += numbers.first_track_of_second;
