@@ -399,6 +399,7 @@ bool Odometry::recall(const ViewPtr& view) {
 // The view becomes a key frame of the world that it shows.
 void Odometry::take_up_place(const ViewPtr& view, const PlaceRef& where, const DescribedCorners& seen,
                              const RecognisedPlace& place) {
+  if (where.segment != active_) segment().views = std::vector<KeyFrameView>();  // as when a world begins
   active_ = where.segment;
   SegmentState& s = segment();
   s.views.resize(s.map.keyframes.size());
