@@ -120,6 +120,22 @@ inline ViewPtr as_view(GrayImage image, int frame, int features = 600) {
   return view;
 }
 
+// A view as it was before its corners were detected.
+inline ViewPtr without_corners(const View& view) {
+  auto out = std::make_shared<View>();
+  out->frame = view.frame;
+  out->timestamp = view.timestamp;
+  for (const CameraView& camera : view.cameras) {
+    CameraView& image = out->cameras.emplace_back();
+    image.width = camera.width;
+    image.height = camera.height;
+    image.octaves = camera.octaves;
+    image.thumbnail = camera.thumbnail;
+    image.thumbnail_scale = camera.thumbnail_scale;
+  }
+  return out;
+}
+
 // What the camera sees, with normal noise of two grey levels.
 inline GrayImage picture(const PanelWorld& world, const Camera& camera, const Rigid3& rig_from_world,
                          Rng& rng) {

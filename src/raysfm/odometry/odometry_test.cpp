@@ -18,6 +18,7 @@ using testing_support::black_view;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
+using testing_support::without_corners;
 
 // Views of several scenes in a row, each with the number of its scene (-1: black) and the true pose in it.
 struct Input {
@@ -65,22 +66,6 @@ Reconstruction run(const Input& input, const OdometryOptions& options = {}, bool
   for (const ViewPtr& view : input.views) odometry.process(view);
   EXPECT_EQ(odometry.frames(), input.size());
   return odometry.finish(final_global);
-}
-
-// A view as it was before its corners were detected.
-ViewPtr without_corners(const View& view) {
-  auto out = std::make_shared<View>();
-  out->frame = view.frame;
-  out->timestamp = view.timestamp;
-  for (const CameraView& camera : view.cameras) {
-    CameraView& image = out->cameras.emplace_back();
-    image.width = camera.width;
-    image.height = camera.height;
-    image.octaves = camera.octaves;
-    image.thumbnail = camera.thumbnail;
-    image.thumbnail_scale = camera.thumbnail_scale;
-  }
-  return out;
 }
 
 struct LateRun {

@@ -1,0 +1,274 @@
+// Odometry comes back to where it was.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "raysfm/eval/trajectory_error.h"
+#include "raysfm/odometry/odometry.h"
+#include "support/synth_views.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::black_view;
+using testing_support::flat_image;
+using testing_support::small_camera;
+using testing_support::synth_views;
+using testing_support::SynthViews;
+using testing_support::without_corners;
+
+// Views of one world with their true poses; black ones between them have none.
+struct Film {
+  std::vector<ViewPtr> views;
+  std::vector<std::optional<Rigid3>> world_from_rig;
+
+  int size() const { return static_cast<int>(views.size()); }
+  void add(const SynthViews& from, int first, int end) {
+    for (int i = first; i < end; ++i) {
+      views.push_back(from.view(i, size()));
+      world_from_rig.push_back(from.world_from_rig[i]);
+    }
+  }
+  void add_black(int count) {
+    for (int i = 0; i < count; ++i) {
+      views.push_back(black_view(320, 240, size()));
+      world_from_rig.emplace_back();
+    }
+  }
+};
+
+struct Listener : TrackerObserver {
+  std::vector<PlaceSeenAgain> seen_again;
+  void place_seen_again(const PlaceSeenAgain& e) override { seen_again.push_back(e); }
+};
+
+Reconstruction run(const Film& film, const OdometryOptions& options = {}, const Rig& rig = {{small_camera()}},
+                   TrackerObserver* observer = nullptr, const ViewMaker* maker = nullptr) {
+  Odometry odometry(rig, options, observer, maker);
+  for (const ViewPtr& view : film.views) odometry.process(view);
+  return odometry.finish(false);
+}
+
+OdometryOptions without_loops() {
+  OdometryOptions options;
+  options.loops = false;
+  return options;
+}
+
+void expect_posed_where_it_sees(const Reconstruction& r, const Film& film) {
+  ASSERT_EQ(static_cast<int>(r.frames.size()), film.size());
+  for (int i = 0; i < film.size(); ++i) {
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), film.world_from_rig[i].has_value())
+        << i << ": " << r.frames[i].reason;
+  }
+}
+
+// Of the frames of one segment, against the truth in one frame.
+Evaluation error_of(const Reconstruction& r, const Film& film, int segment = 0,
+                    Alignment alignment = Alignment::kSim3) {
+  Trajectory estimate, truth;
+  for (int i = 0; i < film.size(); ++i) {
+    if (r.frames[i].segment != segment || !film.world_from_rig[i]) continue;
+    estimate.timestamps.push_back(i);
+    estimate.world_from_cam.push_back(*r.frames[i].world_from_rig);
+    truth.timestamps.push_back(i);
+    truth.world_from_cam.push_back(*film.world_from_rig[i]);
+  }
+  const Result<Evaluation> error = evaluate(estimate, truth, {.alignment = alignment});
+  EXPECT_TRUE(error) << error.error().message;
+  return error ? *error : Evaluation{};
+}
+
+// Once round a room, at a pace at which track is lost now and then, and slowly.
+const SynthViews& quick_round() {
+  static const SynthViews views = synth_views("room", "loop", 200);
+  return views;
+}
+const SynthViews& slow_round() {
+  static const SynthViews views = synth_views("room", "loop", 480);
+  return views;
+}
+
+// One side of the room, then the other from where nothing of the first is seen, and on to the first.
+Film two_sides() {
+  Film film;
+  film.add(quick_round(), 4, 50);
+  film.add_black(6);
+  film.add(quick_round(), 106, 200);
+  film.add(quick_round(), 0, 40);
+  return film;
+}
+
+bool identical(const Reconstruction& a, const Reconstruction& b) {
+  const auto same_frame = [](const PosedFrame& f, const PosedFrame& g) {
+    if (f.segment != g.segment || f.reason != g.reason || f.covariance != g.covariance) return false;
+    return !f.world_from_rig || (f.world_from_rig->translation == g.world_from_rig->translation &&
+                                 f.world_from_rig->rotation.coeffs() == g.world_from_rig->rotation.coeffs());
+  };
+  const auto same_point = [](const MapPoint& p, const MapPoint& q) { return p.position == q.position; };
+  const auto same_closure = [](const Closure& c, const Closure& d) {
+    return c.frame == d.frame && c.with_frame == d.with_frame && c.inliers == d.inliers &&
+           c.joined_worlds == d.joined_worlds && c.correction == d.correction;
+  };
+  return std::ranges::equal(a.frames, b.frames, same_frame) &&
+         std::ranges::equal(a.points, b.points, same_point) &&
+         std::ranges::equal(a.closures, b.closures, same_closure);
+}
+
+TEST(OdometryPlaces, TheFirstPlaceIsFoundAgainAfterAGap) {
+  Film film;
+  film.add(quick_round(), 4, 40);
+  film.add_black(10);
+  film.add(quick_round(), 6, 22);
+  const Reconstruction r = run(film);
+  ASSERT_EQ(r.segments.size(), 1u);
+  expect_posed_where_it_sees(r, film);
+  EXPECT_LT(error_of(r, film).percent_of_path(), 0.3);
+}
+
+// More than 60 key frames later, when no image of the first place is there.
+TEST(OdometryPlaces, ALoopIsClosed) {
+  Film film;
+  film.add(slow_round(), 4, 480);
+  film.add(slow_round(), 0, 40);
+  Listener listener;
+  const Reconstruction r = run(film, {}, {{small_camera()}}, &listener), open = run(film, without_loops());
+  expect_posed_where_it_sees(r, film);
+  ASSERT_EQ(r.segments.size(), 1u);
+  EXPECT_GT(r.keyframes.size(), 80u);
+  ASSERT_EQ(r.closures.size(), 1u);
+  const Closure& closure = r.closures[0];
+  EXPECT_FALSE(closure.joined_worlds);
+  EXPECT_LT(closure.with_frame, 40);
+  EXPECT_GT(closure.frame, 440);
+  EXPECT_GT(closure.inliers, 50);
+  ASSERT_EQ(listener.seen_again.size(), 1u);
+  EXPECT_EQ(listener.seen_again[0].closure.frame, closure.frame);
+  EXPECT_EQ(listener.seen_again[0].joined_world, -1);
+
+  EXPECT_TRUE(open.closures.empty());
+  ASSERT_EQ(open.segments.size(), 1u);
+  const Evaluation error = error_of(r, film), drifted = error_of(open, film);
+  EXPECT_LT(error.percent_of_path(), 0.03);
+  EXPECT_LT(error.ate.rmse, 0.5 * drifted.ate.rmse);
+  EXPECT_LT(error.ate.max, 0.5 * drifted.ate.max);
+  EXPECT_LT(r.rms_reprojection_px, 1.2 * open.rms_reprojection_px);
+}
+
+TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
+  const Film film = two_sides();
+  Listener listener;
+  const Reconstruction r = run(film, {}, {{small_camera()}}, &listener), apart = run(film, without_loops());
+  EXPECT_EQ(apart.segments.size(), 2u);
+  EXPECT_TRUE(apart.closures.empty());
+  ASSERT_EQ(r.segments.size(), 1u);
+  ASSERT_EQ(r.starts.size(), 1u);
+  EXPECT_EQ(r.segments[0].reason, "end of input");
+  EXPECT_EQ(r.segments[0].last, film.size() - 1);
+  ASSERT_FALSE(r.closures.empty());
+  EXPECT_TRUE(r.closures[0].joined_worlds);
+  EXPECT_LT(r.closures[0].with_frame, 46);
+  ASSERT_FALSE(listener.seen_again.empty());
+  EXPECT_EQ(listener.seen_again[0].world, 0);
+  EXPECT_EQ(listener.seen_again[0].joined_world, 1);
+  // Both sides in one frame; not much worse than each alone.
+  EXPECT_LT(error_of(r, film).percent_of_path(), 0.06);
+  EXPECT_LT(error_of(r, film).ate.max, 0.03);
+  for (int i = 0; i < film.size(); ++i) {
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), apart.frames[i].world_from_rig.has_value()) << i;
+  }
+  for (const MapPoint& p : r.points) EXPECT_EQ(p.segment, 0);
+  for (size_t k = 1; k < r.keyframes.size(); ++k) {
+    EXPECT_LT(r.keyframes[k - 1].frame, r.keyframes[k].frame);
+  }
+  EXPECT_LT(r.rms_reprojection_px, 1.5 * apart.rms_reprojection_px);
+}
+
+// Corridors of the same bricks and boards.
+TEST(OdometryPlaces, UnrelatedWorldsStayApart) {
+  constexpr int kWorlds = 4;
+  Film film;
+  for (int seed = 0; seed < kWorlds; ++seed) {
+    film.add(synth_views("corridor", "drive", 24, seed), 0, 24);
+    film.add_black(3);
+  }
+  const Reconstruction r = run(film);
+  ASSERT_EQ(r.segments.size(), size_t{kWorlds});
+  EXPECT_TRUE(r.closures.empty());
+  for (int s = 0; s < kWorlds; ++s) {
+    for (int i = 27 * s; i < 27 * s + 27; ++i) {
+      if (r.frames[i].world_from_rig) {
+        EXPECT_EQ(r.frames[i].segment, s) << i;
+      }
+    }
+    EXPECT_LT(error_of(r, film, s).percent_of_path(), 0.5) << s;
+  }
+}
+
+// Whether corners are there before they are needed or not, and run after run.
+TEST(OdometryPlaces, TheResultDependsOnTheViewsAlone) {
+  const Film film = two_sides();
+  const ViewMaker maker({{0, {}, {.max_features = 600}}});
+  Film late = film;
+  for (ViewPtr& view : late.views) view = without_corners(*view);
+  ASSERT_FALSE(late.views[0]->detected());
+  const Reconstruction first = run(film);
+  ASSERT_FALSE(first.closures.empty());
+  EXPECT_TRUE(identical(first, run(film)));
+  EXPECT_TRUE(identical(first, run(late, {}, {{small_camera()}}, nullptr, &maker)));
+}
+
+ViewPtr stereo_view(GrayImage left, GrayImage right, int frame) {
+  auto view = std::make_shared<View>();
+  view->frame = frame;
+  view->timestamp = 0.1 * frame;
+  view->cameras.resize(2);
+  view->cameras[0].image = std::move(left);
+  view->cameras[1].image = std::move(right);
+  HarrisDetector detector;
+  for (CameraView& camera : view->cameras) {
+    detect(detector, HarrisOptions{.max_features = 600, .mask = {}}, &camera);
+  }
+  return view;
+}
+
+// Two cameras side by side tell metres, in both worlds and in the joined one.
+TEST(OdometryPlaces, JoinedWorldsOfAStereoRigAreInMetres) {
+  Rig rig{{small_camera(), small_camera()}};
+  rig.cameras[1].rig_from_cam.translation = {0.2, 0, 0};
+  ThreadPool pool(0);
+  synth::SequenceOptions options;
+  options.world = "room";
+  options.motion = "loop";
+  options.frames = 200;
+  options.render.samples = 1;
+  auto sequence = synth::Sequence::create(options, rig, pool);
+  ASSERT_TRUE(sequence) << sequence.error().message;
+  Film film;
+  const auto add = [&](int first, int end) {
+    for (int i = first; i < end; ++i) {
+      film.views.push_back(stereo_view(synth::to_gray((*sequence)->render(i, 0)),
+                                       synth::to_gray((*sequence)->render(i, 1)), film.size()));
+      film.world_from_rig.push_back((*sequence)->world_from_rig(i));
+    }
+  };
+  add(4, 40);
+  for (int i = 0; i < 5; ++i) {
+    film.views.push_back(stereo_view(flat_image(320, 240, 0), flat_image(320, 240, 0), film.size()));
+    film.world_from_rig.emplace_back();
+  }
+  add(120, 200);
+  add(0, 30);
+  const Reconstruction r = run(film, {}, rig);
+  ASSERT_EQ(r.segments.size(), 1u);
+  ASSERT_FALSE(r.closures.empty());
+  EXPECT_TRUE(r.closures[0].joined_worlds);
+  EXPECT_TRUE(r.metric_scale);
+  EXPECT_NEAR(error_of(r, film).truth_from_estimate.scale, 1, 0.01);
+  EXPECT_LT(error_of(r, film, 0, Alignment::kSe3).percent_of_path(), 0.2);
+}
+
+}  // namespace
+}  // namespace raysfm
