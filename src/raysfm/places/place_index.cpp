@@ -21,7 +21,7 @@ constexpr std::array<uint8_t, 64> kTests = {1,   22,  38,  54,  65,  87,  101, 1
 // The same corner seen again differs in about an eighth of these bits, others in 28 with a standard deviation
 // of 6.
 constexpr int kParts = 4, kPartBits = 15;
-constexpr int kMostDifferent = 20;
+constexpr int kMostBitsApart = 20;
 constexpr size_t kBuckets = size_t{1} << kPartBits;
 
 uint64_t signature(const Descriptor& d) {
@@ -77,7 +77,7 @@ std::vector<PlaceVotes> PlaceIndex::search(std::span<const Descriptor> descripto
     for (int part = 0; part < kParts; ++part) {
       for (const Entry& e : buckets_[bucket_of(bits, part)]) {
         const int distance = std::popcount(bits ^ (uint64_t{e.high} << 32 | e.low));
-        if (distance <= kMostDifferent && !is_skipped[e.place])
+        if (distance <= kMostBitsApart && !is_skipped[e.place])
           nearest.offer(static_cast<int>(e.place), distance);
       }
     }
