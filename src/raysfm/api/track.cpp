@@ -8,6 +8,7 @@
 
 #include "raysfm/api/config.h"
 #include "raysfm/api/find_lens.h"
+#include "raysfm/api/run_map.h"
 #include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
@@ -94,23 +95,32 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   return Sources{*std::move(again), Rig{{lens->camera}}, {}, lens->origin, lens->prior, find_ms};
 }
 
-Result<Sources> sources_of_cameras(const TrackSettings& settings, const TrackCallbacks& callbacks) {
+Result<Sources> sources_of_cameras(const TrackSettings& settings, const std::optional<SavedMap>& known,
+                                   const TrackCallbacks& callbacks) {
   Result<Input> input = open_inputs(settings);
   if (!input) return input.error();
   if (settings.camera.empty() && !input->calibration) {
+    if (known) return Sources{*std::move(input), known->rig, {}, {}, {}};
     return sources_of_found_lens(settings, *std::move(input), callbacks);
   }
   Result<Rig> rig = read_rig(settings, *input, callbacks.event);
   if (!rig) return rig.error();
-  return Sources{*std::move(input), cameras_in_use(*std::move(rig), settings), {}, {}, {}};
+  Rig in_use = cameras_in_use(*std::move(rig), settings);
+  if (known) {
+    Result<Rig> of_map = cameras_of_map(settings, *known, std::move(in_use));
+    if (!of_map) return of_map.error();
+    in_use = *std::move(of_map);
+  }
+  return Sources{*std::move(input), std::move(in_use), {}, {}, {}};
 }
 
-Result<Sources> open_sources(const TrackSettings& settings, const TrackCallbacks& callbacks) {
+Result<Sources> open_sources(const TrackSettings& settings, const std::optional<SavedMap>& known,
+                             const TrackCallbacks& callbacks) {
   const EventSink& event = callbacks.event;
   if (auto r = check_threads(settings.threads); !r) return r.error();
   if (auto r = validate(settings.odometry); !r) return r.error();
   if (auto r = check_fov(settings); !r) return r.error();
-  Result<Sources> opened = sources_of_cameras(settings, callbacks);
+  Result<Sources> opened = sources_of_cameras(settings, known, callbacks);
   if (!opened) return opened;
   Sources& sources = *opened;
   for (const std::string& warning : place_warnings(sources.rig)) tell(event, Event::Level::kWarning, warning);
@@ -274,7 +284,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   const TrackCallbacks callbacks = caller.ready_once();
   TrackSettings settings = given;
   if (auto r = choose_methods(&settings); !r) return r.error();
-  Result<Sources> sources = open_sources(settings, callbacks);
+  settings.odometry.starts_worlds = !settings.localise;
+  Result<RunMaps> maps = open_maps(settings);
+  if (!maps) return maps.error();
+  Result<Sources> sources = open_sources(settings, maps->known, callbacks);
   if (!sources) {
     const bool no_lens_yet = sources.error().kind == ErrorKind::kNoReconstruction && callbacks.stopped();
     return no_lens_yet ? Result(interrupted_before_start(settings, start)) : sources.error();
@@ -282,7 +295,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   settings.odometry.calibration_prior = sources->prior;
   Narrator narrator(callbacks.event, sources->origin);
   Result<std::unique_ptr<Tracker>> made =
-      Tracker::create(sources->rig, {settings.odometry, std::move(sources->masks)}, &narrator);
+      Tracker::create(sources->rig,
+                      {settings.odometry, std::move(sources->masks),
+                       maps->known ? worlds_of(*maps->known) : std::vector<Map>()},
+                      &narrator);
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
@@ -301,7 +317,9 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     tell(callbacks.event, Event::Level::kWarning, stream.note());
   }
 
-  out.reconstruction = tracker.finish(settings.final == "global");
+  std::vector<Map> worlds;
+  out.reconstruction = tracker.finish(settings.final == "global", maps->writer ? &worlds : nullptr);
+  if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, *sources, stream.finish());
   out.report.interrupted = *stopped;

@@ -130,7 +130,7 @@ void Odometry::go_through_waiting() {
     view = detected(view);
     if (!segments_.empty() && relocalise(view)) continue;
     explain_blindness(*view);
-    start(view);
+    if (options_.starts_worlds) start(view);
   }
 }
 
@@ -485,7 +485,7 @@ void Odometry::settle(int segment, FrameRecord* frame) {
   const Map& map = segments_[segment].map;
   const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
   Rigid3 pose = present_pose(*frame, map);
-  const bool is_keyframe = &frames_[keyframe.frame] == frame;
+  const bool is_keyframe = keyframe.frame >= 0 && &frames_[keyframe.frame] == frame;
   if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
     frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
   }
@@ -518,7 +518,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   look_about(static_cast<int>(segment().map.keyframes.size()));
   previous_.reset();
   starter_.emplace(rig_, options_);
-  start(view);
+  if (options_.starts_worlds) start(view);
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
@@ -531,7 +531,7 @@ bool Odometry::relocalise(const ViewPtr& view) {
     if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
   }
   if (recall(view)) return true;
-  frames_[view->frame].reason = "track lost: " + segment().end_reason;
+  frames_[view->frame].reason = (posed_ > 0 ? "track lost: " : "") + segment().end_reason;
   return false;
 }
 
@@ -556,8 +556,8 @@ void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   accept(view, std::move(pose));
 }
 
-Reconstruction Odometry::finish(bool final_global) {
-  if (!tracking()) {
+Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) {
+  if (!tracking() && options_.starts_worlds) {
     if (auto start = starter_->finish(mapper_)) {
       const std::vector<WaitingView> views = starter_->views();
       starter_.emplace(rig_, options_);
@@ -570,7 +570,10 @@ Reconstruction Odometry::finish(bool final_global) {
     }
   }
   if (tracking()) look_about(static_cast<int>(segment().map.keyframes.size()));
-  for (size_t s = 0; s < segments_.size(); ++s) refine_calibration(static_cast<int>(s), true);
+  const std::vector<int> numbers = numbers_of_segments();
+  for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
+    if (numbers[s] >= 0) refine_calibration(s, true);
+  }
   release_views();
   for (size_t s = 0; s < segments_.size(); ++s) {
     SegmentState& segment = segments_[s];
@@ -590,6 +593,12 @@ Reconstruction Odometry::finish(bool final_global) {
   }
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
+  if (kept_maps) {
+    kept_maps->clear();
+    for (size_t s = 0; s < maps.size(); ++s) {
+      if (segments_[s].joined_into < 0) kept_maps->push_back(maps[s]);
+    }
+  }
   return assemble(std::move(maps));
 }
 

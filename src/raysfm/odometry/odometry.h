@@ -57,12 +57,16 @@ class Odometry {
   Odometry(const Odometry&) = delete;  // its parts refer to each other
   Odometry& operator=(const Odometry&) = delete;
 
+  // Worlds of earlier runs, before the first view: see TrackerOptions.
+  void know(std::vector<Map> worlds);
+
   // The next view: view->frame counts those before it, its timestamp is above theirs, and it holds an image
   // of each camera of the rig unless it has a defect.
   FrameResult process(ViewPtr view);
 
   // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
-  Reconstruction finish(bool final_global);
+  // `maps` as Tracker::finish() says.
+  Reconstruction finish(bool final_global, std::vector<Map>* maps = nullptr);
 
   // What is known now.
   Reconstruction snapshot() const;
@@ -192,6 +196,8 @@ class Odometry {
   Reconstruction assemble(std::vector<Map> maps) const;
   double assemble_map(int number, Map map, Reconstruction* out) const;
   Segment summary_of(int number, double scale_sigma) const;
+  std::vector<int> numbers_of_segments() const;
+  static bool is_seen(const Map& map, const Track& track);
 
   OdometryOptions options_;
   TrackingRig rig_;

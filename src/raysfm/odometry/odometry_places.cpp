@@ -63,6 +63,33 @@ std::vector<KeyFrameView> joined_views(const JoinedNumbers& numbers, std::vector
 
 }  // namespace
 
+void Odometry::know(std::vector<Map> worlds) {
+  int left = 0;
+  for (const Map& map : worlds) left += static_cast<int>(map.keyframes.size());
+  for (Map& map : worlds) {
+    if (map.keyframes.empty()) continue;
+    active_ = static_cast<int>(segments_.size());
+    SegmentState& s = segments_.emplace_back();
+    s.map = std::move(map);
+    s.start.method = "saved map";
+    s.end_reason = "not recognised in the saved map";
+    s.looked_about = static_cast<int>(s.map.keyframes.size());
+    s.views.resize(s.map.keyframes.size());
+    for (int k = 0; k < s.looked_about; ++k) {
+      MapKeyFrame& keyframe = s.map.keyframes[k];
+      keyframe.frame = -left--;
+      keyframe.rays.clear();
+      for (int f = 0; rig_.angular() && f < keyframe.size(); ++f) {
+        ObservedRay& ray = keyframe.rays.emplace_back();
+        if (!rig_.observe(keyframe.cameras[f], keyframe.pixels[f], &ray)) keyframe.inliers[f] = 0;
+      }
+      if (keyframe.described.empty()) continue;
+      place_index_.add(keyframe.descriptors);
+      places_.push_back({active_, k});
+    }
+  }
+}
+
 // Remembers the places among the key frames of the active world before `end` that were not looked at yet, and
 // looks whether they were seen before.
 void Odometry::look_about(int end) {
@@ -239,7 +266,8 @@ void Odometry::close(const Meeting& meeting) {
   const MapKeyFrame &here = map.keyframes[meeting.here.keyframe],
                     &there = map.keyframes[meeting.there.keyframe];
   const Rigid3 moved = meeting.place.rig_from_world * here.rig_from_world.inverse();
-  const Closure closure{here.frame, there.frame, static_cast<int>(meeting.relation.points.size()), false,
+  const Closure closure{here.frame, std::max(-1, there.frame),
+                        static_cast<int>(meeting.relation.points.size()), false,
                         moved.translation.norm() / median_distance(here, map)};
   const bool bent = disagreement(meeting) > kDisagreement;
   if (bent) {
@@ -319,7 +347,7 @@ void Odometry::join(Meeting meeting) {
   SegmentState &into = segments_[first], &from = segments_[second];
   const bool stays = active_ == first;
   const auto frame_of = [&](const PlaceRef& p) {
-    return segments_[p.segment].map.keyframes[p.keyframe].frame;
+    return std::max(-1, segments_[p.segment].map.keyframes[p.keyframe].frame);
   };
   const Closure closure{frame_of(meeting.here), frame_of(meeting.there),
                         static_cast<int>(meeting.relation.points.size()), true, 0};

@@ -40,10 +40,7 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   out.rig = rig_.rig();
   out.calibration = refiner_.numbers();
   out.closures = closures_;
-  std::vector<int> number_of(segments_.size(), -1);  // without those that became part of others
-  for (size_t s = 0, number = 0; s < segments_.size(); ++s) {
-    if (segments_[s].joined_into < 0) number_of[s] = static_cast<int>(number++);
-  }
+  const std::vector<int> number_of = numbers_of_segments();
   out.frames.reserve(frames_.size());
   for (const FrameRecord& f : frames_) {
     PosedFrame& frame = out.frames.emplace_back();
@@ -74,19 +71,40 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   return out;
 }
 
+// In the result: of the segments that have frames. Others became part of one of these, or were known before
+// and not seen.
+std::vector<int> Odometry::numbers_of_segments() const {
+  std::vector<int> number_of(segments_.size(), -1);
+  for (const FrameRecord& f : frames_) {
+    if (f.segment >= 0) number_of[f.segment] = 0;
+  }
+  int next = 0;
+  for (int& number : number_of) {
+    if (number == 0) number = next++;
+  }
+  return number_of;
+}
+
+// Whether a key frame of this run sees a track.
+bool Odometry::is_seen(const Map& map, const Track& track) {
+  return std::ranges::any_of(track.observations,
+                             [&](const TrackObservation& o) { return map.keyframes[o.keyframe].frame >= 0; });
+}
+
 // Points and observations of a segment, behind those of the ones before it. The map is freed meanwhile, so
 // that no two copies of it are there at a time. Returns the sum of the squared residuals.
 double Odometry::assemble_map(int number, Map map, Reconstruction* out) const {
   double squares = 0;
   std::vector<int> point_of_track(map.tracks.size(), -1);
   for (size_t t = 0; t < map.tracks.size(); ++t) {
-    if (!map.tracks[t].triangulated) continue;
+    if (!map.tracks[t].triangulated || !is_seen(map, map.tracks[t])) continue;
     point_of_track[t] = static_cast<int>(out->points.size());
     out->points.push_back({map.tracks[t].position, map.tracks[t].rgb, number});
   }
   map.tracks.clear();
   for (MapKeyFrame& kept : map.keyframes) {
     const MapKeyFrame k = std::exchange(kept, {});
+    if (k.frame < 0) continue;  // of an earlier run
     KeyFrame keyframe{k.frame, static_cast<int>(out->observations.size()), 0};
     for (int f = 0; f < k.size(); ++f) {
       const int track = k.tracks[f];

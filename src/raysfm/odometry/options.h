@@ -21,7 +21,8 @@ struct OdometryOptions {
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   LensRefinement refine_lens = LensRefinement::kAuto;
   CalibrationPrior calibration_prior = {};  // of the cameras given
-  bool loops = true;  // places seen before are recognised: loops are closed, worlds joined
+  bool loops = true;          // places seen before are recognised: loops are closed, worlds joined
+  bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
   uint64_t seed = 0;
 };
 

@@ -64,7 +64,9 @@ Result<std::unique_ptr<Tracker>> Tracker::create(const Rig& rig, TrackerOptions 
   if (auto r = validate(options.odometry); !r) return r.error();
   if (auto r = validate_error(rig, options.odometry.error); !r) return r.error();
   std::vector<GrayImage> masks = sight_masks(rig, std::move(options.masks));
-  return std::unique_ptr<Tracker>(new Tracker(rig, std::move(masks), options.odometry, observer));
+  std::unique_ptr<Tracker> tracker(new Tracker(rig, std::move(masks), options.odometry, observer));
+  tracker->odometry_.know(std::move(options.known_worlds));
+  return tracker;
 }
 
 Tracker::Tracker(const Rig& rig, std::vector<GrayImage> masks, const OdometryOptions& options,

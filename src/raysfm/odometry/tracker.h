@@ -22,6 +22,9 @@ struct TrackerOptions {
   // Of each camera, or none at all: 255 where a pixel sees the scene, in the size of the camera's image; an
   // empty one says that all do. What the camera's model knows to be blind is left out anyway.
   std::vector<GrayImage> masks;
+  // Of earlier runs with the same cameras: they are recognised, and tracked on in. What `frame` of their key
+  // frames says does not matter.
+  std::vector<Map> known_worlds;
 };
 
 // Poses of a calibrated rig, frame by frame (LBA09 2.7). Whoever has a camera pushes its images and has the
@@ -63,7 +66,12 @@ class Tracker {
   Reconstruction snapshot() const { return odometry_.snapshot(); }
   // No more frames will come: the last call. Adjusts everything when told so. Every frame has a pose or a
   // reason.
-  Reconstruction finish(bool adjust_globally) { return odometry_.finish(adjust_globally); }
+  // `maps`, where it is not null, becomes the map of each world that can be known to a later run, key frames
+  // of this run with the `frame` that they were taken from; those of earlier ones have -n to -1, in the order
+  // of known_worlds and its key frames, of which there were n.
+  Reconstruction finish(bool adjust_globally, std::vector<Map>* maps = nullptr) {
+    return odometry_.finish(adjust_globally, maps);
+  }
 
   OdometryTimings timings() const { return odometry_.timings(); }
   const TrackingRig& rig() const { return odometry_.rig(); }

@@ -47,7 +47,8 @@ Json camera_json(const Camera& camera, const std::string& name) {
     const double along = static_cast<double>(i % kSide) / kSide;
     const std::array<Eigen::Vector2d, 4> rim = {
         Eigen::Vector2d{along, 0}, {1, along}, {1 - along, 1}, {0, 1 - along}};
-    const Eigen::Vector2d middle(0.5, 0.5), edge = rim[i / kSide];
+    const Eigen::Vector2d middle(0.5, 0.5);
+    const Eigen::Vector2d& edge = rim[i / kSide];
     for (double inwards = 0; inwards < 1; inwards += 0.02) {
       const Eigen::Vector2d at = edge + inwards * (middle - edge);
       Ray ray;

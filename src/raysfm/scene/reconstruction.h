@@ -68,7 +68,7 @@ struct StartSummary {
 // A place that was seen again long after, or in another world, and what that brought together.
 struct Closure {
   int frame = 0;               // index of the input frame that saw it again
-  int with_frame = 0;          // that of the earlier one
+  int with_frame = 0;          // that of the earlier one; -1: of an earlier run
   int inliers = 0;             // points that both see
   bool joined_worlds = false;  // two worlds became one; else a loop was closed
   // How far the later frame moved for it, as a part of the distance to its points; 0 where worlds were
