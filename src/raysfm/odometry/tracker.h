@@ -24,7 +24,7 @@ struct TrackerOptions {
   std::vector<GrayImage> masks;
   // Of earlier runs with the same cameras: they are recognised, and tracked on in. What `frame` of their key
   // frames says does not matter.
-  std::vector<Map> known_worlds;
+  std::vector<Map> known_worlds = {};
 };
 
 // Poses of a calibrated rig, frame by frame (LBA09 2.7). Whoever has a camera pushes its images and has the
