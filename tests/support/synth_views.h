@@ -15,6 +15,7 @@ namespace raysfm::testing_support {
 struct SynthViews {
   std::vector<GrayImage> images;
   std::vector<Rigid3> world_from_rig;
+  std::vector<double> timestamps;
 
   int size() const { return static_cast<int>(images.size()); }
   ViewPtr view(int i, int frame) const {
@@ -24,9 +25,9 @@ struct SynthViews {
   }
 };
 
-// The first frames of a world through small_camera().
+// The first frames of a world through small_camera(); `readout` in seconds.
 inline SynthViews synth_views(const std::string& world, const std::string& motion, int frames,
-                              uint64_t seed = 0) {
+                              uint64_t seed = 0, double readout = 0) {
   ThreadPool pool(0);
   synth::SequenceOptions options;
   options.world = world;
@@ -34,6 +35,7 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
   options.frames = frames;
   options.seed = seed;
   options.render.samples = 1;
+  options.render.readout = readout;
   auto sequence = synth::Sequence::create(options, Rig{{small_camera()}}, pool);
   SynthViews out;
   if (!sequence) {
@@ -43,6 +45,7 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
   for (int i = 0; i < frames; ++i) {
     out.images.push_back(synth::to_gray((*sequence)->render(i, 0)));
     out.world_from_rig.push_back((*sequence)->world_from_rig(i));
+    out.timestamps.push_back((*sequence)->timestamp(i));
   }
   return out;
 }

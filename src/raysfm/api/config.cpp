@@ -131,6 +131,11 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
       {"error", "residual that is minimised", &s.error, {"auto", "pixel", "angular", "angular-plain"}},
       {"start", "how the first views are posed", &s.start, {"auto", "five-point", "pless"}},
       {"refine-lens", "whether a calibration that is off is refined", &s.refine_lens, {"auto", "on", "off"}},
+      {"rolling-shutter",
+       "auto, none, or milliseconds from the first row of an image to the last; auto: as the camera file "
+       "says",
+       &s.rolling_shutter,
+       {}},
       {"loops", "whether places seen before close loops and join worlds", &s.loops, {"on", "off"}},
       {"map", "saved map to go on from", &s.map, {}},
       {"save-map", "saved map to leave, for later runs", &s.save_map, {}},

@@ -22,11 +22,14 @@ struct TrackSettings {
   std::string error = "auto";        // "auto", "pixel", "angular" or "angular-plain"; sets odometry.error
   std::string start = "auto";        // "auto", "five-point" or "pless"; sets odometry.start
   std::string refine_lens = "auto";  // "auto", "on" or "off"; sets odometry.refine_lens
-  std::string loops = "on";          // "on" or "off"; sets odometry.loops
-  std::string map;                   // path of a saved map to go on from; empty: none
-  std::string save_map;              // path of the one to leave; empty: none
-  bool localise = false;             // only in `map`, no other world is started
-  std::string final = "none";        // "none" or "global": adjustment of everything at the end
+  // "auto", "none" or the milliseconds of a readout: of the rolling shutters of all cameras. "auto" leaves
+  // what the camera file says.
+  std::string rolling_shutter = "auto";
+  std::string loops = "on";    // "on" or "off"; sets odometry.loops
+  std::string map;             // path of a saved map to go on from; empty: none
+  std::string save_map;        // path of the one to leave; empty: none
+  bool localise = false;       // only in `map`, no other world is started
+  std::string final = "none";  // "none" or "global": adjustment of everything at the end
   OdometryOptions odometry;
 };
 

@@ -85,19 +85,56 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
   return choice;
 }
 
-}  // namespace
-
-CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence) {
+// With those standard deviations of the prior, but where the lens is another one.
+CalibrationChoice choose_lens(const RigParameters& parameters, const Eigen::VectorXd& sigma,
+                              const CalibrationEvidence& evidence) {
   const int m = parameters.size();
-  Eigen::VectorXd sigma(m), wide(m);
+  Eigen::VectorXd wide(m);
   for (int i = 0; i < m; ++i) {
-    sigma[i] = parameters[i].prior_sigma;
     wide[i] = sigma[i] * (parameters[i].kind == RigParameters::Kind::kFocal ? kAnotherLens : 1);
   }
   CalibrationChoice other = choose(wide, evidence);
   for (int i = 0; i < m; ++i)
     other.contradicts |= std::abs(other.values[i]) > kContradiction * sigma[i] && wide[i] > sigma[i];
   return other.contradicts ? other : choose(sigma, evidence);
+}
+
+bool is_readout(const RigParameters& parameters, int i) {
+  return parameters[i].kind == RigParameters::Kind::kReadout;
+}
+
+// With all readouts held but one; -1: but none.
+CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
+                                      CalibrationEvidence evidence) {
+  constexpr double kHeld = 1e-9;
+  if (readout < 0) evidence.scatter = evidence.lens_scatter;
+  Eigen::VectorXd sigma(parameters.size());
+  for (int i = 0; i < parameters.size(); ++i) {
+    sigma[i] = parameters[i].prior_sigma;
+    if (is_readout(parameters, i) && i != readout) sigma[i] *= kHeld;
+  }
+  CalibrationChoice choice = choose_lens(parameters, sigma, evidence);
+  for (int i = 0; i < parameters.size(); ++i) {
+    if (is_readout(parameters, i) && i != readout) choice.sigma[i] = parameters[i].prior_sigma;
+  }
+  return choice;
+}
+
+}  // namespace
+
+// Rows and columns are not scanned at once. A readout that is not found is no unknown at all, so that lenses
+// of global shutters are found as if there were no others.
+CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence) {
+  CalibrationChoice best = choose_with_readout(parameters, -1, evidence);
+  double most = 0;
+  for (int i = 0; i < parameters.size(); ++i) {
+    if (!is_readout(parameters, i)) continue;
+    CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
+    if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
+    most = choice.significance[i];
+    best = std::move(choice);
+  }
+  return best;
 }
 
 bool is_worth_it(const CalibrationChoice& choice) {

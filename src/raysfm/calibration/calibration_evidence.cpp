@@ -24,12 +24,14 @@ template <int Width>
 class Measurement {
  public:
   Measurement(const BundleProblem& problem, const BundleOptions& options, const RigParameters& parameters,
-              const Eigen::VectorXd& values, AngularWeight weight)
+              const Eigen::VectorXd& values, AngularWeight weight,
+              std::span<const Eigen::Vector2d> velocities)
       : problem_(problem),
         options_(options),
         parameters_(parameters),
         values_(values),
         weight_(weight),
+        velocities_(velocities),
         width_(Width == Eigen::Dynamic ? parameters.size() : Width) {}
 
   std::optional<CalibrationEvidence> run() {
@@ -101,6 +103,10 @@ class Measurement {
     for (const Camera& camera : parameters_.rig(values_).cameras) present_.push_back(place(camera, -1, 1));
     moved_.resize(present_.size());
     for (int j = 0; j < parameters_.size(); ++j) {
+      if (parameters_[j].kind == RigParameters::Kind::kReadout) {
+        if (!velocities_.empty()) readouts_.push_back(j);
+        continue;
+      }
       Eigen::VectorXd moved = values_;
       moved[j] += parameters_[j].step;
       const Rig rig = parameters_.rig(moved);
@@ -128,7 +134,7 @@ class Measurement {
       t.point = point_number_[o.point];
       Eigen::Matrix<double, 2, 3> by_x;
       BlockMap<2> by_parameters = this->by_parameters(terms_.size());
-      if (!(problem_.rays.empty() ? differentiate_pixel(o, x, &t, &by_x, by_parameters)
+      if (!(problem_.rays.empty() ? differentiate_pixel(i, x, &t, &by_x, by_parameters)
                                   : differentiate_angle(i, x, &t, &by_x, by_parameters))) {
         by_parameters.setZero();
         continue;
@@ -144,8 +150,9 @@ class Measurement {
     }
   }
 
-  bool differentiate_pixel(const BundleObservation& o, const Eigen::Vector3d& x, Term* t,
-                           Eigen::Matrix<double, 2, 3>* by_x, BlockMap<2> by_parameters) const {
+  bool differentiate_pixel(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
+                           BlockMap<2> by_parameters) const {
+    const BundleObservation& o = problem_.observations[i];
     const Placed& present = present_[o.camera];
     Eigen::Vector2d pixel, moved;
     Eigen::Matrix<double, 2, 3> by_x_in_cam;
@@ -157,7 +164,17 @@ class Measurement {
       if (!p.camera.project(p.cam_from_rig * x + p.rig_in_cam, &moved)) return false;
       by_parameters.col(p.parameter) = (moved - pixel) * p.inverse_step;
     }
+    for (const int j : readouts_) by_parameters.col(j) = -by_readout(i, j);
     return t->residual.allFinite();
+  }
+
+  // By how much the place that an observation would have at the instant of the frame moves with a readout.
+  Eigen::Vector2d by_readout(int i, int parameter) const {
+    const BundleObservation& o = problem_.observations[i];
+    Camera scanning = present_[o.camera].camera;
+    scanning.shutter = {1, parameters_[parameter].index == 0 ? RollingShutter::Direction::kDown
+                                                             : RollingShutter::Direction::kRight};
+    return -scanning.exposed_after(o.pixel) * velocities_[i];
   }
 
   // What a residual is in pixels depends on the calibration as well.
@@ -172,6 +189,15 @@ class Measurement {
       if (!observe_ray(p.camera, o.pixel, weight_, &moved_ray) || !moved_ray.residual(x, &moved))
         return false;
       by_parameters.col(p.parameter) = (moved - t->residual) * p.inverse_step;
+    }
+    for (const int j : readouts_) {
+      const double step = parameters_[j].step;
+      const Eigen::Vector2d moved_pixel = o.pixel + step * by_readout(i, j);
+      if (!observe_ray(present_[o.camera].camera, moved_pixel, weight_, &moved_ray) ||
+          !moved_ray.residual(x, &moved)) {
+        return false;
+      }
+      by_parameters.col(j) = (moved - t->residual) / step;
     }
     return true;
   }
@@ -191,6 +217,13 @@ class Measurement {
       const Eigen::Vector3d motion =
           moved.direction - present.direction + (moved.origin - present.origin) / depth;
       by_parameters.col(p.parameter) = -ray.tangents * motion * p.inverse_step;
+    }
+    for (const int j : readouts_) {
+      const double step = parameters_[j].step;
+      if (!ray_in_rig(present_[o.camera].camera, o.pixel + step * by_readout(i, j), &moved)) return false;
+      const Eigen::Vector3d motion =
+          moved.direction - present.direction + (moved.origin - present.origin) / depth;
+      by_parameters.col(j) = -ray.tangents * motion / step;
     }
     return true;
   }
@@ -292,15 +325,25 @@ class Measurement {
     evidence.gradient = gradient.head(parameters_.size());
     evidence.information = information();
     evidence.observations = static_cast<int>(terms_.size());
-    evidence.scatter = scatter(best_step(evidence));
+    evidence.scatter = scatter(best_step(evidence, false));
+    evidence.lens_scatter = readouts_.empty() ? evidence.scatter : scatter(best_step(evidence, true));
     return evidence;
   }
 
-  // To the calibration that these observations and the prior make most likely.
-  Eigen::VectorXd best_step(const CalibrationEvidence& e) const {
-    const Eigen::VectorXd prior = e.cost / std::max(1, e.observations) * parameters_.prior_information();
+  // To the calibration that these observations and the prior make most likely; readouts may be held.
+  Eigen::VectorXd best_step(const CalibrationEvidence& e, bool hold_readouts) const {
+    std::vector<int> free;
+    for (int j = 0; j < parameters_.size(); ++j) {
+      if (!hold_readouts || std::ranges::find(readouts_, j) == readouts_.end()) free.push_back(j);
+    }
+    const Eigen::VectorXd prior =
+        e.cost / std::max(1, e.observations) * parameters_.prior_information()(free);
     const Eigen::MatrixXd prior_matrix = prior.asDiagonal();
-    return (e.information + prior_matrix).ldlt().solve(-e.gradient - prior_matrix * e.at);
+    Eigen::VectorXd step = Eigen::VectorXd::Zero(parameters_.size());
+    step(free) = (e.information(free, free) + prior_matrix)
+                     .ldlt()
+                     .solve(-e.gradient(free) - prior_matrix * e.at(free));
+    return step;
   }
 
   // Errors go together in the points of a neighbourhood that were first seen at about the same time, and in
@@ -352,11 +395,13 @@ class Measurement {
   const RigParameters& parameters_;
   const Eigen::VectorXd& values_;
   const AngularWeight weight_;
+  const std::span<const Eigen::Vector2d> velocities_;
   const int width_;
   BundleCore<6> core_;
   std::vector<int> pose_number_, point_number_;
   std::vector<Placed> present_;
   std::vector<std::vector<Placed>> moved_;  // by camera, by parameter that concerns it
+  std::vector<int> readouts_;               // parameters that are one
   std::vector<Term> terms_;
   std::vector<double> by_parameters_, pose_rows_, point_rows_;
 };
@@ -365,13 +410,15 @@ class Measurement {
 
 CalibrationEvidence CalibrationEvidence::nothing(const Eigen::VectorXd& at) {
   const Eigen::Index m = at.size();
-  return {at, Eigen::MatrixXd::Zero(m, m), Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m)};
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(m, m);
+  return {at, none, Eigen::VectorXd::Zero(m), none, none};
 }
 
 void CalibrationEvidence::add(const CalibrationEvidence& other) {
   information += other.information;
   gradient += other.gradient + other.information * (at - other.at);
   scatter += other.scatter;
+  lens_scatter += other.lens_scatter;
   cost += other.cost;
   observations += other.observations;
 }
@@ -379,12 +426,13 @@ void CalibrationEvidence::add(const CalibrationEvidence& other) {
 std::optional<CalibrationEvidence> measure_calibration(const BundleProblem& problem,
                                                        const BundleOptions& options,
                                                        const RigParameters& parameters,
-                                                       const Eigen::VectorXd& values, AngularWeight weight) {
+                                                       const Eigen::VectorXd& values, AngularWeight weight,
+                                                       std::span<const Eigen::Vector2d> velocities) {
   if (parameters.size() == 0 || !problem.lenses.empty()) return std::nullopt;
   if (parameters.size() <= kFewUnknowns) {
-    return Measurement<kFewUnknowns>(problem, options, parameters, values, weight).run();
+    return Measurement<kFewUnknowns>(problem, options, parameters, values, weight, velocities).run();
   }
-  return Measurement<Eigen::Dynamic>(problem, options, parameters, values, weight).run();
+  return Measurement<Eigen::Dynamic>(problem, options, parameters, values, weight, velocities).run();
 }
 
 }  // namespace raysfm

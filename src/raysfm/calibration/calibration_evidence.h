@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <span>
 
 #include "raysfm/bundle/bundle_problem.h"
 #include "raysfm/calibration/rig_parameters.h"
@@ -17,7 +18,8 @@ struct CalibrationEvidence {
   // Covariance of the gradient, where errors go together in the points of a neighbourhood and in an image:
   // the sum of the outer products of what each such cluster adds to it.
   Eigen::MatrixXd scatter;
-  double cost = 0;  // at `at`, poses and points adapted
+  Eigen::MatrixXd lens_scatter;  // the same where no shutter rolls: what a readout would explain is error
+  double cost = 0;               // at `at`, poses and points adapted
   int observations = 0;
 
   static CalibrationEvidence nothing(const Eigen::VectorXd& at);
@@ -28,11 +30,13 @@ struct CalibrationEvidence {
 
 // From one linearisation of a problem of cameras or rays near its minimum, whose cameras are those of
 // parameters.rig(values) and whose rays, if any, were observed with `weight`. One pose at least must not be
-// free and no point fixed; problem.scale_prior is not looked at. Nothing where there is nothing to adjust.
+// free and no point fixed; problem.scale_prior is not looked at. `velocities`: how fast each observed point
+// moves in its image, pixels per second; empty: not at all. Nothing where there is nothing to adjust.
 std::optional<CalibrationEvidence> measure_calibration(const BundleProblem& problem,
                                                        const BundleOptions& options,
                                                        const RigParameters& parameters,
                                                        const Eigen::VectorXd& values,
-                                                       AngularWeight weight = AngularWeight::kPixel);
+                                                       AngularWeight weight = AngularWeight::kPixel,
+                                                       std::span<const Eigen::Vector2d> velocities = {});
 
 }  // namespace raysfm

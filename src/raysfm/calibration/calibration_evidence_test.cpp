@@ -6,6 +6,7 @@
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/calibration/calibration_choice.h"
+#include "raysfm/core/random.h"
 #include "support/bundle_scene.h"
 
 namespace raysfm {
@@ -87,6 +88,71 @@ TEST(CalibrationEvidence, IsTheDerivativeOfTheLeastCost) {
           << views.name << " " << parameters.name(i);
     }
   }
+}
+
+// A readout moves what was observed by how fast it moves in the image, and by how late it is exposed.
+TEST(CalibrationEvidence, KnowsWhatAReadoutDoes) {
+  for (const bool angular : {false, true}) {
+    const Camera camera = distorted(-0.05);
+    BundleScene scene = turning_scene({camera});
+    const RigParameters parameters({{camera}}, 1, {.readout = 0.02});
+    const int count = parameters.size();
+    ASSERT_EQ(parameters.name(count - 2), "readout_down");
+    ASSERT_EQ(parameters.name(count - 1), "readout_right");
+    std::vector<Eigen::Vector2d> velocities;
+    Rng random(3);
+    for (size_t i = 0; i < scene.observations.size(); ++i) {
+      const int pose = scene.observations[i].pose;
+      velocities.emplace_back(300 * std::sin(pose) + 20 * random.uniform(), 200 * std::cos(2 * pose));
+    }
+    const auto cost_with = [&](int axis, double readout) {
+      BundleScene moved = scene;
+      for (size_t i = 0; i < velocities.size(); ++i) {
+        Eigen::Vector2d& pixel = moved.observations[i].pixel;
+        const double part = axis == 0 ? (pixel.y() + 0.5) / camera.height : (pixel.x() + 0.5) / camera.width;
+        pixel -= readout * (part - 0.5) * velocities[i];
+      }
+      if (angular) test::observe_rays(&moved, AngularWeight::kPixel);
+      BundleAdjuster adjuster;
+      return adjuster.adjust(moved.problem(), kToTheEnd).final_cost;
+    };
+    if (angular) test::observe_rays(&scene, AngularWeight::kPixel);
+    BundleAdjuster adjuster;
+    const double cost = adjuster.adjust(scene.problem(), kToTheEnd).final_cost;
+    const auto evidence =
+        measure_calibration(scene.problem(), kToTheEnd, parameters, Eigen::VectorXd::Zero(count),
+                            AngularWeight::kPixel, velocities);
+    ASSERT_TRUE(evidence);
+    for (const int axis : {0, 1}) {
+      const int i = count - 2 + axis;
+      const double scale = std::sqrt(evidence->information(i, i)), h = 0.3 / scale;
+      const double after = cost_with(axis, h), before = cost_with(axis, -h);
+      EXPECT_NEAR((after - before) / (2 * h) / scale, evidence->gradient[i] / scale, 0.05) << axis;
+      EXPECT_NEAR((after - 2 * cost + before) / (h * h * scale * scale), 1, kCurvature) << axis;
+    }
+  }
+}
+
+// Rows and columns are not scanned at once: of two readouts the surer one is taken.
+TEST(CalibrationChoice, TakesOneReadout) {
+  const RigParameters parameters({{distorted(0)}}, 1, {.readout = 0.02});
+  const int count = parameters.size();
+  CalibrationEvidence evidence = CalibrationEvidence::nothing(Eigen::VectorXd::Zero(count));
+  evidence.information.diagonal().setConstant(1e-6);
+  for (const int i : {count - 2, count - 1}) evidence.information(i, i) = 1e9;
+  evidence.gradient[count - 2] = 1e9 * -0.01;
+  evidence.gradient[count - 1] = 1e9 * 0.025;
+  evidence.observations = 1000;
+  evidence.cost = 500;
+  const CalibrationChoice choice = choose_calibration(parameters, evidence);
+  EXPECT_EQ(choice.values[count - 2], 0);
+  EXPECT_NEAR(choice.values[count - 1], -0.025, 1e-4);
+  EXPECT_EQ(choice.sigma[count - 2], 0.02);
+  const Rig rig = parameters.rig(choice.values);
+  EXPECT_EQ(rig.cameras[0].shutter.direction, RollingShutter::Direction::kLeft);
+  EXPECT_NEAR(rig.cameras[0].shutter.readout, 0.025, 1e-4);
+  EXPECT_NEAR(parameters.number(count - 1, 0, rig), -0.025, 1e-4);
+  EXPECT_EQ(parameters.number(count - 2, 0, rig), 0);
 }
 
 // The length of a baseline makes the world larger and changes no image.

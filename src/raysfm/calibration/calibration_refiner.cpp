@@ -13,8 +13,9 @@ namespace {
 
 constexpr int kStretch = 20;      // key frames
 constexpr int kLeastStretch = 8;  // of the last
-constexpr int kSpacing = 8;       // stretches after which every second one is measured, then every third, ...
-constexpr int kLeastSeen = 3;     // key frames that see a point
+constexpr int kShutterKeyFrames = 8;
+constexpr int kSpacing = 8;    // stretches after which every second one is measured, then every third, ...
+constexpr int kLeastSeen = 3;  // key frames that see a point
 constexpr int kPointsPerKeyFrame = 10, kPointsOfFirst = 40;
 constexpr double kDoubt = 5;     // of a calibration that is told to be refined
 constexpr double kGrowth = 1.5;  // of the stretches from one change to the next
@@ -69,14 +70,19 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
   for (const int t : tracks_) point_of_track_[t] = -1;
 }
 
-void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, int begin, int end) {
+void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of,
+                                int begin, int end) {
   poses_.clear();
   free_.clear();
   points_.clear();
   observations_.clear();
   rays_.clear();
   sigmas_.clear();
+  velocities_.clear();
+  const bool has_readout = parameters_.has_readout();
+  std::vector<Velocity> of_keyframe;
   for (int k = begin; k < end; ++k) {
+    if (has_readout) of_keyframe.push_back(velocity_of(k));
     poses_.push_back(map.keyframes[k].rig_from_world);
     free_.push_back(k > begin);
   }
@@ -86,17 +92,22 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, int begi
       const MapKeyFrame& k = map.keyframes[o.keyframe];
       if (o.keyframe < begin || o.keyframe >= end || !k.inliers[o.feature]) continue;
       observations_.push_back({o.keyframe - begin, static_cast<int>(points_.size()), k.cameras[o.feature],
-                               k.pixels[o.feature].cast<double>()});
+                               k.instant_pixel(o.feature).cast<double>()});
       sigmas_.push_back(octave_side(k.octaves[o.feature]));
       if (rig.angular()) rays_.push_back(k.rays[o.feature]);
+      if (has_readout) {
+        velocities_.push_back(image_velocity(rig, k.cameras[o.feature],
+                                             k.rig_from_world * map.tracks[t].position,
+                                             of_keyframe[o.keyframe - begin]));
+      }
     }
     points_.push_back(map.tracks[t].position);
   }
 }
 
-void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, const Map& map, int begin,
-                                         int end) {
-  gather(rig, map, begin, end);
+void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, const Map& map,
+                                         const VelocityOf& velocity_of, int begin, int end) {
+  gather(rig, map, velocity_of, begin, end);
   const BundleProblem problem{.cameras = rig.cameras(),
                               .rig_from_world = poses_,
                               .pose_is_free = free_,
@@ -109,24 +120,26 @@ void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, cons
                               .sigmas = sigmas_,
                               .scale_prior = {}};
   std::optional<CalibrationEvidence> evidence =
-      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight());
+      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
   stretches_.push_back({world, end, *std::move(evidence)});
 }
 
-void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map) {
+void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
+                                 const VelocityOf& velocity_of) {
   const int count = static_cast<int>(map.keyframes.size());
-  measure_stretch(rig, world, map, std::max(first_new(world), count - kStretch), count);
+  measure_stretch(rig, world, map, velocity_of, std::max(first_new(world), count - kStretch), count);
 }
 
 // As many stretches as there were. What other worlds said of it was said about another calibration, too far
 // from this one to count.
-void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map) {
+void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
+                                       const VelocityOf& velocity_of) {
   const size_t most = stretches_.size();
   const int count = static_cast<int>(map.keyframes.size());
   stretches_.clear();
   for (int end = count; end >= kLeastStretch && stretches_.size() < most; end -= kStretch) {
-    measure_stretch(rig, world, map, std::max(0, end - kStretch), end);
+    measure_stretch(rig, world, map, velocity_of, std::max(0, end - kStretch), end);
   }
 }
 
@@ -142,11 +155,33 @@ std::optional<Rig> CalibrationRefiner::better() {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
   choice_ = choose_calibration(parameters_, all);
-  if (!is_worth_it(choice_) || !has_grown()) return std::nullopt;
+  return is_worth_it(choice_) && has_grown() ? chosen_rig() : std::nullopt;
+}
+
+std::optional<Rig> CalibrationRefiner::chosen_rig() const {
   Rig rig = parameters_.rig(choice_.values);
   const auto cannot_be = [](const Camera& camera) { return find_problem(camera.model).has_value(); };
   if (std::ranges::any_of(rig.cameras, cannot_be)) return std::nullopt;
   return rig;
+}
+
+bool CalibrationRefiner::is_shutter_due(int keyframes) const {
+  return how_ != LensRefinement::kOff && parameters_.has_readout() && stretches_.empty() &&
+         keyframes == kShutterKeyFrames;
+}
+
+std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int world, const Map& map,
+                                                    const VelocityOf& velocity_of) {
+  const CalibrationChoice before = choice_;
+  measure(rig, world, map, velocity_of);
+  choice_ = choose_calibration(parameters_, stretches_.back().evidence);
+  for (int i = 0; i < parameters_.size(); ++i) {
+    const bool is_readout = parameters_[i].kind == RigParameters::Kind::kReadout;
+    if (is_readout && choice_.values[i] != 0 && is_worth_it(choice_)) return chosen_rig();
+  }
+  stretches_.clear();
+  choice_ = before;
+  return std::nullopt;
 }
 
 // To adapt everything is dear: only what has become much more evidence since is worth it.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -7,6 +8,7 @@
 #include "raysfm/calibration/calibration_choice.h"
 #include "raysfm/scene/map.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/rolling_shutter.h"
 #include "raysfm/views/tracking_rig.h"
 
 namespace raysfm {
@@ -27,8 +29,17 @@ class CalibrationRefiner {
   // Whether a world of so many key frames has a new stretch to be measured; `last` when no more will come.
   bool is_due(int world, int keyframes, bool last) const;
 
+  // Velocity of the rig at a key frame of the world that is measured.
+  using VelocityOf = std::function<Velocity(int keyframe)>;
+
   // Measures the newest stretch of a world.
-  void measure(const TrackingRig& rig, int world, const Map& map);
+  void measure(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+
+  // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
+  // and one that it tells beyond doubt. What is found there is forgotten where it tells none.
+  bool is_shutter_due(int keyframes) const;
+  std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
+                                  const VelocityOf& velocity_of);
 
   // A world is part of another now, or key frames moved to make room for it.
   void renumber(int world, int into, std::span<const int> new_number_of_keyframe);
@@ -39,7 +50,7 @@ class CalibrationRefiner {
   // Takes it over. True where that is so large a step that another from there may be worth it, once
   // measure_again() has been told what the adapted map says.
   bool take_over();
-  void measure_again(const TrackingRig& rig, int world, const Map& map);
+  void measure_again(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
 
   // Every number that is looked at, camera by camera; none where nothing was measured.
   std::vector<CalibrationNumber> numbers() const;
@@ -56,9 +67,11 @@ class CalibrationRefiner {
   int first_new(int world) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   bool has_grown() const;
-  void gather(const TrackingRig& rig, const Map& map, int begin, int end);
+  std::optional<Rig> chosen_rig() const;
+  void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
   void choose_points(const Map& map, int begin, int end);
-  void measure_stretch(const TrackingRig& rig, int world, const Map& map, int begin, int end);
+  void measure_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
+                       int begin, int end);
 
   LensRefinement how_;
   RigParameters parameters_;
@@ -75,6 +88,7 @@ class CalibrationRefiner {
   std::vector<BundleObservation> observations_;
   std::vector<ObservedRay> rays_;
   std::vector<float> sigmas_;
+  std::vector<Eigen::Vector2d> velocities_;  // in the image, of each observation
 };
 
 }  // namespace raysfm

@@ -64,6 +64,21 @@ double rim_of(const Camera& camera) {
   return rim > 0 ? rim : 1.0;
 }
 
+RollingShutter shutter_of(int axis, double readout) {
+  using Direction = RollingShutter::Direction;
+  const Direction forwards = axis == 0 ? Direction::kDown : Direction::kRight;
+  const Direction backwards = axis == 0 ? Direction::kUp : Direction::kLeft;
+  return {std::abs(readout), readout < 0 ? backwards : forwards};
+}
+
+// Of shutter_of(): 0 where it is that of the other axis.
+double readout_along(int axis, const RollingShutter& shutter) {
+  for (const double sign : {-1.0, 1.0}) {
+    if (shutter_of(axis, sign).direction == shutter.direction) return sign * shutter.readout;
+  }
+  return 0;
+}
+
 void change(const RigParameters::Parameter& p, double value, Camera* camera) {
   using Kind = RigParameters::Kind;
   switch (p.kind) {
@@ -87,6 +102,9 @@ void change(const RigParameters::Parameter& p, double value, Camera* camera) {
     case Kind::kShift:
       camera->rig_from_cam.translation[p.index] += value;
       return;
+    case Kind::kReadout:
+      if (std::abs(value) > camera->shutter.readout) camera->shutter = shutter_of(p.index, value);
+      return;
   }
 }
 
@@ -107,6 +125,8 @@ RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPr
     const double shift = kShiftPrior * distance;
     for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, shift, shift);
   }
+  for (int axis = 0; axis < 2 && prior_.readout > 0 && size() > 0; ++axis)
+    add(0, Kind::kReadout, axis, prior_.readout, prior_.readout);
 }
 
 void RigParameters::add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma) {
@@ -150,6 +170,8 @@ std::string RigParameters::name(int i) const {
       return "rotation[" + std::to_string(p.index) + "]";
     case Kind::kShift:
       return "translation[" + std::to_string(p.index) + "]";
+    case Kind::kReadout:
+      return p.index == 0 ? "readout_down" : "readout_right";
   }
   return {};
 }
@@ -158,6 +180,7 @@ double RigParameters::number(int i, int c, const Rig& rig) const {
   const Parameter& p = parameters_[i];
   const Camera& camera = rig.cameras[c];
   if (p.kind == Kind::kShift) return camera.rig_from_cam.translation[p.index];
+  if (p.kind == Kind::kReadout) return readout_along(p.index, camera.shutter);
   if (p.kind == Kind::kTurn) {
     return log_so3(given_.cameras[c].rig_from_cam.rotation.conjugate() *
                    camera.rig_from_cam.rotation)[p.index];
@@ -174,6 +197,7 @@ bool RigParameters::is_like_first(int camera) const {
 }
 
 bool RigParameters::concerns(int i, int camera) const {
+  if (parameters_[i].kind == Kind::kReadout) return true;
   const int owner = parameters_[i].camera;
   return owner == camera || (owner == 0 && is_like_first(camera));
 }

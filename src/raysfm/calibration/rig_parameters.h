@@ -15,6 +15,7 @@ struct CalibrationPrior {
   double aspect = 0.002;  // of fy / fx, as a part of it
   double centre = 0.01;   // of the principal point, as a part of the image's width
   double rim = 0.03;      // of a coefficient of distortion: what moves the rim of the image by this part
+  double readout = 0;     // of a rolling shutter whose readout is not given, seconds; 0: there is none
 };
 
 // The calibration of a rig as unknowns: how far each number is from the one given, so that zero is the given
@@ -29,6 +30,9 @@ class RigParameters {
     kNumber,  // added to a number of the model
     kTurn,    // rotation vector of the camera in its own frame, radians
     kShift,   // added to the position of the camera in the rig
+    // Seconds from the first row to the last, or (index 1) from the first column; negative: in the other
+    // direction. Of all cameras; the larger of the two counts.
+    kReadout,
   };
   struct Parameter {
     int camera = 0;
@@ -48,6 +52,8 @@ class RigParameters {
   const Rig& given() const { return given_; }
   // Whether the rays of a camera depend on an unknown.
   bool concerns(int i, int camera) const;
+  // Whether readouts are among the unknowns.
+  bool has_readout() const { return prior_.readout > 0 && size() > 0; }
   // Of the number that an unknown changes in a camera: its name, and its value in a rig.
   std::string name(int i) const;
   double number(int i, int camera, const Rig& rig) const;

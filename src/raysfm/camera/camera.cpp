@@ -54,6 +54,14 @@ bool Camera::can_project() const {
   return std::visit([](const auto& m) { return ProjectiveModel<std::decay_t<decltype(m)>>; }, model);
 }
 
+double Camera::exposed_after(const Eigen::Vector2d& pixel) const {
+  using Direction = RollingShutter::Direction;
+  const bool by_rows = shutter.direction == Direction::kDown || shutter.direction == Direction::kUp;
+  const double part = by_rows ? (pixel.y() + 0.5) / height - 0.5 : (pixel.x() + 0.5) / width - 0.5;
+  const bool forwards = shutter.direction == Direction::kDown || shutter.direction == Direction::kRight;
+  return (forwards ? part : -part) * shutter.readout;
+}
+
 double Camera::pixels_per_radian() const {
   // The centre of the image may see nothing (a mirror's camera sees itself there): take the pixel of a coarse
   // grid that is nearest to it.

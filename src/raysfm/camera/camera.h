@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <variant>
@@ -32,6 +33,13 @@ struct Roi {
   int x = 0, y = 0, w = 0, h = 0;
 };
 
+// Rows of an image, or columns, exposed one after another.
+struct RollingShutter {
+  enum class Direction : uint8_t { kDown, kUp, kRight, kLeft };  // in which the exposure moves on
+  double readout = 0;  // seconds from the first row to the last, >= 0; 0: all at once
+  Direction direction = Direction::kDown;
+};
+
 // One camera of a rig: a function from pixels to rays, and back where the model can project.
 struct Camera {
   std::string name;
@@ -42,6 +50,7 @@ struct Camera {
   int stream = 0;
   Roi roi;
   std::string mask_path;  // empty: none
+  RollingShutter shutter;
 
   // Ray of a pixel in the camera's frame. False where the pixel sees nothing (outside the valid set).
   bool ray(const Eigen::Vector2d& pixel, Ray* ray) const;
@@ -54,6 +63,9 @@ struct Camera {
 
   // Whether the model projects: whether project() can ever be true. Where it cannot, PixelFinder searches.
   bool can_project() const;
+
+  // Seconds from the instant of the frame, at which the middle of the image is exposed, to that of a pixel.
+  double exposed_after(const Eigen::Vector2d& pixel) const;
 
   bool contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;

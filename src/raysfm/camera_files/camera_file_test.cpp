@@ -48,6 +48,7 @@ TEST(CameraFile, WritesWhatItReads) {
   Rig rig = *parse(kProjectYaml);
   rig.cameras[0].name = "a \"strange\": name\\\n#";
   rig.cameras[0].mask_path = folder.file("m.png", "x").string();
+  rig.cameras[0].shutter = {1. / 30, RollingShutter::Direction::kLeft};
   rig.cameras[1].model = Rational{1000. / 3, 500, 160, 120, .1, .2, 1e-7, 1. / 7000, .5, .6, .7, .8};
   ASSERT_TRUE(write_camera_file(rig, folder.path() / "camera.yaml"));
   const Result<Rig> again = read_camera_file(folder.path() / "camera.yaml");
@@ -55,6 +56,9 @@ TEST(CameraFile, WritesWhatItReads) {
   ASSERT_EQ(again->cameras.size(), 2u);
   EXPECT_EQ(again->cameras[0].name, rig.cameras[0].name);
   EXPECT_EQ(again->cameras[0].mask_path, rig.cameras[0].mask_path);
+  EXPECT_NEAR(again->cameras[0].shutter.readout, 1. / 30, 1e-15);
+  EXPECT_EQ(again->cameras[0].shutter.direction, RollingShutter::Direction::kLeft);
+  EXPECT_EQ(again->cameras[1].shutter.readout, 0);
   EXPECT_EQ(as<Rational>(again->cameras[1]).parameters(), as<Rational>(rig.cameras[1]).parameters());
   EXPECT_EQ(format_camera_file(*again), format_camera_file(rig));
 }
@@ -107,6 +111,14 @@ TEST(CameraFile, SaysWhatIsWrongInOneLine) {
       {"name: right", "name: right\n    names: right", {"cameras[1].names", "unknown field"}},
       {"name: right", "name: right\n    name: right", {"'name'", "twice"}},
       {"stream: 1", "mask: \"\"", {"cameras[1].mask", "path"}},
+      {"stream: 1",
+       "rolling_shutter: {readout_ms: -3}",
+       {"cameras[1].rolling_shutter.readout_ms", "-3", "0 to 1000"}},
+      {"stream: 1", "rolling_shutter: {direction: down}", {"rolling_shutter.readout_ms"}},
+      {"stream: 1",
+       "rolling_shutter: {readout_ms: 3, direction: north}",
+       {"rolling_shutter.direction", "'north'", "down, up, right or left"}},
+      {"stream: 1", "rolling_shutter: {readout: 3}", {"rolling_shutter.readout", "unknown field"}},
       {"resolution: [640, 480]", "resolution: [640, 480", {"line", "YAML"}},
   };
   for (const Broken& broken : cases) {

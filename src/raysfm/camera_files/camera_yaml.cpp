@@ -128,8 +128,8 @@ CameraModel read_model(const ConfigField& camera, const std::string& name, int w
 
 // All fields that a camera with this model may have.
 std::vector<std::string_view> camera_fields(const std::string& model) {
-  std::vector<std::string_view> known = {"name",         "model",  "resolution", "intrinsics",
-                                         "rig_from_cam", "stream", "roi",        "mask"};
+  std::vector<std::string_view> known = {"name",   "model", "resolution", "intrinsics",     "rig_from_cam",
+                                         "stream", "roi",   "mask",       "rolling_shutter"};
   if (model == CentralRayTable::kName) std::ranges::replace(known, "intrinsics", "table");
   if (model == Mirror::kName) known.push_back("mirror");
   return known;
@@ -164,6 +164,28 @@ void read_image_part(const ConfigField& field, Camera* camera) {
   }
 }
 
+RollingShutter read_shutter(const ConfigField& field) {
+  constexpr double kMostMs = 1000;
+  RollingShutter shutter;
+  if (!field.exists()) return shutter;
+  field.allow_only({"readout_ms", "direction"});
+  const double ms = field.at("readout_ms").number();
+  if (!(ms >= 0 && ms <= kMostMs)) {
+    field.problem().report(field.at("readout_ms").name(), fmt::format("{}", ms),
+                           fmt::format("0 to {}", kMostMs));
+  }
+  shutter.readout = ms / 1000;
+  if (!field.at("direction").exists()) return shutter;
+  const std::string name = field.at("direction").text();
+  const auto found = std::ranges::find(kShutterDirections, name);
+  if (found == std::end(kShutterDirections)) {
+    field.at("direction").report("down, up, right or left");
+    return shutter;
+  }
+  shutter.direction = static_cast<RollingShutter::Direction>(found - std::begin(kShutterDirections));
+  return shutter;
+}
+
 Camera read_camera(const ConfigField& field) {
   Camera camera;
   camera.name = field.at("name").text();
@@ -174,6 +196,7 @@ Camera read_camera(const ConfigField& field) {
   field.allow_only(camera_fields(model));
   camera.rig_from_cam = read_rig_from_cam(field.at("rig_from_cam"));
   if (field.at("stream").exists()) camera.stream = field.at("stream").integer(0, kMaxRigCameras - 1);
+  camera.shutter = read_shutter(field.at("rolling_shutter"));
   if (field.at("mask").exists()) {
     camera.mask_path = field.at("mask").text();
     if (camera.mask_path.empty()) field.at("mask").report("the path of an image");

@@ -2,6 +2,7 @@
 
 #include "raysfm/camera_files/camera_file.h"
 #include "raysfm/camera_files/camera_table.h"
+#include "raysfm/camera_files/camera_yaml.h"
 #include "raysfm/files/atomic_file.h"
 
 namespace raysfm {
@@ -84,6 +85,11 @@ std::string format_camera(const Camera& camera) {
   if (camera.roi.w > 0) {
     const Roi& roi = camera.roi;
     text += fmt::format("    roi: [{}, {}, {}, {}]\n", roi.x, roi.y, roi.w, roi.h);
+  }
+  if (camera.shutter.readout > 0) {
+    text +=
+        fmt::format("    rolling_shutter: {{readout_ms: {}, direction: {}}}\n", 1000 * camera.shutter.readout,
+                    kShutterDirections[static_cast<int>(camera.shutter.direction)]);
   }
   if (!camera.mask_path.empty()) text += fmt::format("    mask: {}\n", quoted(camera.mask_path));
   return text;

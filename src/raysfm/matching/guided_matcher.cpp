@@ -49,10 +49,6 @@ void for_each_source(std::span<const KeyFrameView> views, std::span<const PatchQ
       [&](const PatchQuery& q) { return std::pair(q.keyframe, views[q.keyframe].cameras[q.feature]); }, f);
 }
 
-Eigen::Vector3d point_on_ray(const KeyFrameView& keyframe, int feature, double distance) {
-  return keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
-}
-
 }  // namespace
 
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,

@@ -80,6 +80,7 @@ void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* vie
   }
   keep(kept, &k.cameras);
   keep(kept, &k.pixels);
+  keep(kept, &k.scan_offsets);
   keep(kept, &k.octaves);
   keep(kept, &k.tracks);
   keep(kept, &k.inliers);

@@ -170,6 +170,9 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                        &query)) {
       continue;
     }
+    if (rig_.scans()) {
+      query.predicted += predict_scan_offset(rig_, camera, rig_from_world * position, velocity_);
+    }
     if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned
     queries_.push_back(query);
   }
@@ -183,15 +186,19 @@ void Localiser::clear_observations() {
   sigmas_.clear();
 }
 
-// False where the pixel has no ray to measure an angle from.
-bool Localiser::add_observation(const Map& map, const TrackPixel& seen) {
+// False where the pixel has no ray to measure an angle from. `about`: a first pose of the rig.
+bool Localiser::add_observation(const Map& map, const TrackPixel& seen, const Rigid3& about) {
+  const Eigen::Vector3d& position = map.tracks[seen.track].position;
+  Eigen::Vector2f pixel = seen.pixel;
+  if (rig_.scans())
+    pixel -= scan_offset(rig_, seen.camera, about * position, velocity_, pixel.cast<double>());
   if (rig_.angular()) {
     ObservedRay ray;
-    if (!rig_.observe(seen.camera, seen.pixel, &ray)) return false;
+    if (!rig_.observe(seen.camera, pixel, &ray)) return false;
     rays_.push_back(ray);
   }
-  points_.push_back(map.tracks[seen.track].position);
-  pixels_.push_back(seen.pixel.cast<double>());
+  points_.push_back(position);
+  pixels_.push_back(pixel.cast<double>());
   cameras_.push_back(seen.camera);
   sigmas_.push_back(octave_side(seen.octave));
   return true;
@@ -209,12 +216,13 @@ bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
   return estimate_.ok();
 }
 
-Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame) {
+Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
+                                          const Rigid3& about) {
   Localisation out;
   clear_observations();
   aligned_.clear();
   for (const TrackPixel& m : matches) {
-    if (add_observation(map, m)) aligned_.push_back({m, false});
+    if (add_observation(map, m, about)) aligned_.push_back({m, false});
   }
   out.ok = estimate(nullptr, frame, kCornerError);
   if (!out.ok) {
@@ -242,7 +250,7 @@ void Localiser::align_some(int coarser, const Map& map, std::span<const KeyFrame
   matcher_.align(views, queries_, starts_, view, kFirstAlignment, &alignments_, FinerOctaves::kLeft);
   clear_observations();
   for (size_t i = 0; i < queries_.size(); ++i) {
-    if (alignments_[i].converged) add_observation(map, seen_at(queries_[i], alignments_[i]));
+    if (alignments_[i].converged) add_observation(map, seen_at(queries_[i], alignments_[i]), rig_from_world);
   }
 }
 
@@ -286,7 +294,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
       const PatchQuery& q = queries_[i];
       if (!alignments_[i].converged) continue;
       const TrackPixel seen = seen_at(q, alignments_[i]);
-      if (!add_observation(map, seen)) continue;
+      if (!add_observation(map, seen, estimate_.rig_from_world)) continue;
       aligned_.push_back({seen, local.points[q.point].in_anchor});
       aligned_point_.push_back(q.point);
     }
@@ -331,7 +339,7 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     matcher_.match(views, queries_, view, kMinPoseZncc, &corners_);
     clear_observations();
     for (const GuidedMatch& m : corners_) {
-      add_observation(map, seen_at(queries_[m.query], m));
+      add_observation(map, seen_at(queries_[m.query], m), predicted_rig_from_world);
     }
   }
   Localisation out;
@@ -362,7 +370,7 @@ Localisation Localiser::follow_again(const Map& map, std::span<const KeyFrameVie
                                      std::span<const PointMatch> found) {
   clear_observations();
   for (const PointMatch& m : found) {
-    if (map.tracks[m.track].triangulated) add_observation(map, m);
+    if (map.tracks[m.track].triangulated) add_observation(map, m, predicted);
   }
   estimate_.rig_from_world = predicted;
   if (!refine_estimate()) return {};
@@ -389,7 +397,7 @@ bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigi
                        Matrix6d* covariance) {
   clear_observations();
   for (const TrackPixel& m : matches) {
-    if (map.tracks[m.track].triangulated) add_observation(map, m);
+    if (map.tracks[m.track].triangulated) add_observation(map, m, *rig_from_world);
   }
   estimate_.rig_from_world = *rig_from_world;
   if (!refine_estimate()) return false;

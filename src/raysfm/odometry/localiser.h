@@ -9,6 +9,7 @@
 #include "raysfm/odometry/options.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/scene/map.h"
+#include "raysfm/views/rolling_shutter.h"
 
 namespace raysfm {
 
@@ -55,6 +56,7 @@ struct Localisation {
   bool ok = false;
   std::string reason;
   Rigid3 rig_from_world;
+  Velocity velocity = Velocity::Zero();    // of the rig, where it is known
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of rig_from_world
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
@@ -68,6 +70,9 @@ struct Localisation {
 class Localiser {
  public:
   Localiser(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
+
+  // Of the rig at the views that come next: what it does to them where a shutter rolls.
+  void set_velocity(const Velocity& velocity) { velocity_ = velocity; }
 
   // Some points of the local map are matched with corners for a first pose; then all are aligned where that
   // pose expects them.
@@ -86,8 +91,9 @@ class Localiser {
                             std::span<const PointMatch> found);
 
   // Pose from matches that are corners still, with outliers among them; none where they do not determine it.
-  // Says nothing of visible points.
-  Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame);
+  // Says nothing of visible points. `about`: whereabouts, looked at with a rolling shutter alone.
+  Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
+                                 const Rigid3& about = {});
 
   // The pose again, from the same matches and the present positions of the points. False, changing nothing,
   // where they no longer determine it.
@@ -102,7 +108,7 @@ class Localiser {
   void predict_in(int camera, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                   const View& view, const Rigid3& rig_from_world, float radius, int step);
   void clear_observations();
-  bool add_observation(const Map& map, const TrackPixel& seen);
+  bool add_observation(const Map& map, const TrackPixel& seen, const Rigid3& about);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
   void align_some(int coarser, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
@@ -118,6 +124,7 @@ class Localiser {
 
   const TrackingRig& rig_;
   const OdometryOptions& options_;
+  Velocity velocity_ = Velocity::Zero();
   GuidedMatcher matcher_;
   PoseEstimator estimator_;
   PoseEstimate estimate_;

@@ -7,7 +7,8 @@
 
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
-#include "raysfm/odometry/surfaces.h"
+#include "raysfm/views/scan_correction.h"
+#include "raysfm/views/surfaces.h"
 
 namespace raysfm {
 namespace {
@@ -106,11 +107,9 @@ class DistancePrior {
 // ray, pixels: from half the distance to five times. Infinite where it does not see one of these.
 float reach_along_ray(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                       int target, const Rigid3& target_from_source) {
-  const Eigen::Vector3d origin = keyframe.origins[feature].cast<double>();
-  const Eigen::Vector3d direction = keyframe.directions[feature].cast<double>();
   Eigen::Vector2d there, nearer, farther;
   const auto see = [&](double d, Eigen::Vector2d* pixel) {
-    return rig.see(target, target_from_source * Eigen::Vector3d(origin + d * direction), pixel);
+    return rig.see(target, target_from_source * point_on_ray(keyframe, feature, d), pixel);
   };
   if (!see(distance, &there) || !see(0.5 * distance, &nearer) || !see(5.0 * distance, &farther))
     return INFINITY;
@@ -132,8 +131,10 @@ bool observe(const TrackingRig& rig, const TrackPixel& seen, int keyframe, Map* 
 
 bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel, int octave,
                       MapKeyFrame* keyframe) {
-  if (rig.angular() && !rig.observe(keyframe->cameras[feature], pixel, &keyframe->rays[feature]))
+  if (rig.angular() && !rig.observe(keyframe->cameras[feature], keyframe->at_instant(feature, pixel),
+                                    &keyframe->rays[feature])) {
     return false;
+  }
   keyframe->pixels[feature] = pixel;
   keyframe->octaves[feature] = static_cast<uint8_t>(octave);
   return true;
@@ -174,9 +175,10 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     k.frame = view->frame;
     k.rig_from_world = pose.rig_from_world;
     for (const PointMatch& m : pose.matches) observe(rig_, m, keyframe, map);
-    follow_tracks(anchor, keyframe, *view, map, *views);
+    follow_tracks(anchor, keyframe, pose.velocity, *view, map, *views);
+    correct_scan(rig_, pose.velocity, 0, keyframe, map);
     triangulate_tracks(keyframe, map);
-    complete_keyframe(view, keyframe, map, views);
+    complete_keyframe(view, keyframe, pose.velocity, map, views);
   }
   adjust_locally(map);
   refit_surfaces(*map, views);
@@ -194,9 +196,11 @@ void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
   }
 }
 
-void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, Map* map,
+void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, const Velocity& velocity, Map* map,
                                std::vector<KeyFrameView>* views) {
+  const int known = map->keyframes[keyframe].size();
   start_tracks(rig_, *view, kTrackSpacing, keyframe, map);
+  correct_scan(rig_, velocity, known, keyframe, map);
   views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_));
   if (!rig_.common_views().empty()) find_across(view, keyframe, map, views);
   views->back().view = images_of(*view);
@@ -240,14 +244,14 @@ bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
                  keyframe, map);
 }
 
-void Mapper::follow_tracks(int anchor, int keyframe, const View& view, Map* map,
+void Mapper::follow_tracks(int anchor, int keyframe, const Velocity& velocity, const View& view, Map* map,
                            std::span<const KeyFrameView> views) {
   if (!views[anchor].view) return;
-  for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, view, map, views);
+  for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, velocity, view, map, views);
 }
 
-void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, Map* map,
-                       std::span<const KeyFrameView> views) {
+void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& velocity, const View& view,
+                       Map* map, std::span<const KeyFrameView> views) {
   const MapKeyFrame& from = map->keyframes[anchor];
   const Rigid3 target_from_anchor = rig_.cam_from_rig(camera) * map->keyframes[keyframe].rig_from_world *
                                     from.rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
@@ -262,6 +266,11 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const View& view, M
     if (!(distance > 0) || !predict_patch(rig_, views[anchor], f, distance, camera, target_from_anchor,
                                           view.cameras[camera], &query)) {
       continue;
+    }
+    if (rig_.scans()) {
+      const Eigen::Vector3d point = point_on_ray(views[anchor], f, distance);
+      query.predicted += predict_scan_offset(
+          rig_, camera, rig_.camera(camera).rig_from_cam * (target_from_anchor * point), velocity);
     }
     const float slack = kSearchSlack * octave_side(query.octave);
     const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);
@@ -310,7 +319,7 @@ float Mapper::gather_rays(const Map& map, const Track& track) {
     sigma = std::max(sigma, octave_side(k.octaves[o.feature]));
     const Camera& camera = rig_.camera(k.cameras[o.feature]);
     Ray ray;
-    if (!camera.ray(k.pixels[o.feature].cast<double>(), &ray)) continue;
+    if (!camera.ray(k.instant_pixel(o.feature).cast<double>(), &ray)) continue;
     const WorldFromCam& pose = world_from_cam(map, o.keyframe, k.cameras[o.feature]);
     rays_.push_back({pose.rotation * ray.origin + pose.translation, pose.rotation * ray.direction});
   }
@@ -409,7 +418,7 @@ void Mapper::gather(const Map* map, int first_observed, int first_free) {
       if (pose < 0) continue;
       const MapKeyFrame& k = map->keyframes[o.keyframe];
       window_observations_.push_back(
-          {pose, window_point_of_track_[t], k.cameras[o.feature], k.pixels[o.feature].cast<double>()});
+          {pose, window_point_of_track_[t], k.cameras[o.feature], k.instant_pixel(o.feature).cast<double>()});
       window_sigmas_.push_back(octave_side(k.octaves[o.feature]));
       if (rig_.angular()) window_rays_.push_back(k.rays[o.feature]);
       window_sources_.push_back(o);
@@ -475,7 +484,7 @@ void Mapper::adjust_locally(Map* map) {
 void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
   for (MapKeyFrame& k : map->keyframes) {
     for (int f = 0; f < static_cast<int>(k.rays.size()); ++f) {
-      if (!rig_.observe(k.cameras[f], k.pixels[f], &k.rays[f])) k.inliers[f] = 0;
+      if (!rig_.observe(k.cameras[f], k.instant_pixel(f), &k.rays[f])) k.inliers[f] = 0;
     }
   }
   gather(map, std::max(0, first - options_.window), first);

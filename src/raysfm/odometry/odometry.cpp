@@ -191,6 +191,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
   pose_copies(views);
+  if (rig_.scans()) refine_start();
 
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
   previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
@@ -200,6 +201,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
     previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
     previous_->interval = third->view->timestamp - before.timestamp;
   }
+  if (rig_.scans()) previous_->pose.velocity = present_velocity(chosen[2]);
   set_anchor(2);
   for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
 }
@@ -237,20 +239,18 @@ bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& 
 // of a view that was released.
 void Odometry::pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local) {
   const Map& map = segment().map;
+  const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
+  const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world,
+                                     double(waiting.frame - a.frame) / double(b.frame - a.frame));
   const Localisation seen =
-      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1], waiting.frame);
+      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1], waiting.frame, between);
   if (waiting.same_as >= 0) return;
   if (!waiting.view) {
     frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
     if (seen.ok) record(waiting.frame, seen, local.anchor);
     return;
   }
-  const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
-  Rigid3 pose = seen.rig_from_world;
-  if (!seen.ok) {
-    pose = interpolate(a.rig_from_world, b.rig_from_world,
-                       double(waiting.frame - a.frame) / double(b.frame - a.frame));
-  }
+  Rigid3 pose = seen.ok ? seen.rig_from_world : between;
   pose_near(*waiting.view, local, pose, seen.ok, &pose);
 }
 
@@ -268,6 +268,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
     observer_->keyframe_added({views[i].frame, world(), next});
     local = make_local_map(map, segment().views, rig_, next, kReach);
     ++next;
+    if (rig_.scans() && next < 3) localiser_.set_velocity(start_velocity(next));
   }
 }
 
@@ -275,6 +276,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
 void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int first_view) {
   Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
   const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
+  if (rig_.scans()) localiser_.set_velocity(start_velocity(1));
   for (int i = first_view - 1; i >= 0; --i) {
     if (!views[i].view) continue;
     Rigid3 pose;
@@ -331,6 +333,7 @@ Rigid3 Odometry::moved_on(const View& view) const {
 
 // Most frames are where their predecessors lead and need no corners.
 Localisation Odometry::localise(ViewPtr* view) {
+  localiser_.set_velocity(previous_->pose.velocity);
   Localisation pose = localiser_.follow(segment().map, segment().views, local_, **view, moved_on(**view));
   if (convincing(pose)) return pose;
   *view = detected(*view);
@@ -360,10 +363,15 @@ void Odometry::track(ViewPtr view) {
                        : pose.reason);
     return;
   }
+  follow_scan(*view, &pose);
   const bool needed = needs_keyframe(pose);
   if (needed && segment().map.keyframes.back().frame != previous_->view->frame) {
     Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
     previous_->view = detected(previous_->view);
+    if (rig_.scans()) {
+      previous_->pose.velocity =
+          velocity_of(previous_->view->frame, previous_->pose.rig_from_world, &pose.rig_from_world);
+    }
     step.translation *= promote(previous_->view, previous_->pose);
     const Rigid3 predicted = step * previous_->pose.rig_from_world;
     pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
@@ -372,6 +380,7 @@ void Odometry::track(ViewPtr view) {
       lose(view, "the new key frame does not see what the frame sees");
       return;
     }
+    follow_scan(*view, &pose);
   } else if (needed || has_moved_on(view->frame, pose)) {
     view = detected(view);
     promote(view, pose);
@@ -411,6 +420,7 @@ double Odometry::mean_keyframe_distance() const {
 // Returns the factor by which that rescaled the map.
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double rescaled = segment().map.rescaled;
+  correct_scans(world(), static_cast<int>(segment().map.keyframes.size()) - options_.window);
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
@@ -446,6 +456,7 @@ void Odometry::rescale_frames(int segment, double factor) {
   }
   if (!tracking() || segment != active_) return;
   previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
+  previous_->pose.velocity.head<3>() *= factor;
   previous_->velocity.translation *= factor;
 }
 
@@ -480,11 +491,13 @@ void Odometry::record(int number, const Localisation& pose, int keyframe) {
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the
 // adjustment gave it; its covariance is renewed.
-void Odometry::settle(int segment, FrameRecord* frame) {
-  if (frame->matches.empty()) return;
-  const Map& map = segments_[segment].map;
+void Odometry::settle(int number) {
+  FrameRecord* frame = &frames_[number];
+  if (frame->segment < 0 || frame->matches.empty()) return;
+  const Map& map = segments_[frame->segment].map;
   const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
   Rigid3 pose = present_pose(*frame, map);
+  if (rig_.scans()) localiser_.set_velocity(present_velocity(number));
   const bool is_keyframe = keyframe.frame >= 0 && &frames_[keyframe.frame] == frame;
   if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
     frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
@@ -493,10 +506,7 @@ void Odometry::settle(int segment, FrameRecord* frame) {
 }
 
 void Odometry::settle_until(int end) {
-  for (; settled_before_ < end; ++settled_before_) {
-    FrameRecord& frame = frames_[settled_before_];
-    if (frame.segment >= 0) settle(frame.segment, &frame);
-  }
+  for (; settled_before_ < end; ++settled_before_) settle(settled_before_);
 }
 
 void Odometry::accept(const ViewPtr& view, Localisation pose) {
@@ -522,6 +532,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
+  localiser_.set_velocity(Velocity::Zero());
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
   if (segment().views[newest].view) {
@@ -578,7 +589,7 @@ Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) 
   for (size_t s = 0; s < segments_.size(); ++s) {
     SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
-    if (segment.calibration != calibration_ || segment.closed) adapt(static_cast<int>(s), 0);
+    if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(static_cast<int>(s), 0);
     if (final_global) mapper_.adjust_globally(&segment.map);
   }
   for (size_t s = 0; s < segments_.size(); ++s) {
@@ -588,9 +599,7 @@ Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) 
     mapper_.measure_scale(&map);
     rescale_frames(static_cast<int>(s), map.rescaled / rescaled);
   }
-  for (FrameRecord& frame : frames_) {
-    if (frame.segment >= 0) settle(frame.segment, &frame);
-  }
+  for (int i = 0; i < frames(); ++i) settle(i);
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
   if (kept_maps) {

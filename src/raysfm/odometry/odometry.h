@@ -160,6 +160,14 @@ class Odometry {
   void take_up_place(const ViewPtr& view, const PlaceRef& where, const DescribedCorners& seen,
                      const RecognisedPlace& place);
   void resume(const ViewPtr& view, int keyframe, Localisation pose);
+  // odometry_scan.cpp:
+  Velocity velocity_of(int frame, const Rigid3& rig_from_world, const Rigid3* next = nullptr) const;
+  Velocity present_velocity(int frame) const;
+  Velocity keyframe_velocity(const MapKeyFrame& keyframe) const;
+  void follow_scan(const View& view, Localisation* pose);
+  void correct_scans(int segment, int first_keyframe);
+  Velocity start_velocity(int keyframe) const;
+  void refine_start();
   // odometry_places.cpp:
   void look_about(int end);
   std::vector<int> shared_points(int keyframe) const;
@@ -191,7 +199,7 @@ class Odometry {
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
   void record(int frame, const Localisation& pose, int keyframe);
-  void settle(int segment, FrameRecord* frame);
+  void settle(int frame);
   void settle_until(int frame);
   void lose(ViewPtr view, const std::string& reason);
   void forget_old_views();

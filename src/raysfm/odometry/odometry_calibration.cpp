@@ -20,11 +20,19 @@ constexpr int kAdapted = 40;
 void Odometry::refine_calibration(int number, bool last) {
   SegmentState& s = segments_[number];
   const int keyframes = static_cast<int>(s.map.keyframes.size());
-  if (!refiner_.is_due(number, keyframes, last)) return;
+  const bool asks_for_shutter = !last && refiner_.is_shutter_due(keyframes);
+  if (!asks_for_shutter && !refiner_.is_due(number, keyframes, last)) return;
   ScopedTimer timer(calibrate_timing_);
-  refiner_.measure(rig_, number, s.map);
+  const auto velocity_of = [&](int keyframe) { return keyframe_velocity(s.map.keyframes[keyframe]); };
+  std::optional<Rig> better;
+  if (asks_for_shutter) {
+    better = refiner_.find_shutter(rig_, number, s.map, velocity_of);
+  } else {
+    refiner_.measure(rig_, number, s.map, velocity_of);
+    better = refiner_.better();
+  }
   for (int round = 0; round < kMostRounds; ++round) {
-    std::optional<Rig> better = refiner_.better();
+    if (round > 0) better = refiner_.better();
     if (!better) return;
     ++calibration_;
     rig_ = TrackingRig(*std::move(better), options_.error);
@@ -32,7 +40,7 @@ void Odometry::refine_calibration(int number, bool last) {
     const bool again = refiner_.take_over();
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
     if (!again) return;
-    refiner_.measure_again(rig_, number, s.map);
+    refiner_.measure_again(rig_, number, s.map, velocity_of);
   }
 }
 
@@ -40,8 +48,9 @@ void Odometry::refine_calibration(int number, bool last) {
 void Odometry::adapt(int number, int first_keyframe) {
   SegmentState& s = segments_[number];
   const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
+  correct_scans(number, first_keyframe);
   adjust_from(number, first_keyframe, first_keyframe == 0 && is_long);
-  for (KeyFrameView& view : s.views) renew_rays(rig_, &view);
+  for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
   if (first_keyframe == 0) s.calibration = calibration_;
 }
 

@@ -8,7 +8,7 @@
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/places/loop_closing.h"
 #include "raysfm/places/map_fusion.h"
-#include "raysfm/places/map_measures.h"
+#include "raysfm/scene/map_measures.h"
 
 namespace raysfm {
 namespace {
@@ -65,7 +65,7 @@ void Odometry::know(std::vector<Map> worlds) {
       keyframe.rays.clear();
       for (int f = 0; rig_.angular() && f < keyframe.size(); ++f) {
         ObservedRay& ray = keyframe.rays.emplace_back();
-        if (!rig_.observe(keyframe.cameras[f], keyframe.pixels[f], &ray)) keyframe.inliers[f] = 0;
+        if (!rig_.observe(keyframe.cameras[f], keyframe.instant_pixel(f), &ray)) keyframe.inliers[f] = 0;
       }
       if (keyframe.described.empty()) continue;
       place_index_.add(keyframe.descriptors);
@@ -236,7 +236,7 @@ double Odometry::disagreement(const Meeting& meeting) const {
       const Eigen::Vector3d point =
           rig_.cam_from_rig(camera) * (k.rig_from_world * map.tracks[p.there].position);
       const bool seen = rig_.find(camera, point, &pixel);
-      errors.push_back(seen ? (pixel - k.pixels[o.feature].cast<double>()).norm() /
+      errors.push_back(seen ? (pixel - k.instant_pixel(o.feature).cast<double>()).norm() /
                                   octave_side(k.octaves[o.feature])
                             : INFINITY);
     }

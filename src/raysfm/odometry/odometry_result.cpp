@@ -111,7 +111,7 @@ double Odometry::assemble_map(int number, Map map, Reconstruction* out) const {
       const int camera = k.cameras[f];
       const Eigen::Vector3d point = k.rig_from_world * out->points[point_of_track[track]].position;
       if (!rig_.find(camera, rig_.cam_from_rig(camera) * point, &predicted)) continue;
-      const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
+      const Eigen::Vector2d pixel = k.instant_pixel(f).cast<double>();
       squares += (predicted - pixel).squaredNorm();
       out->observations.push_back({point_of_track[track], camera, pixel});
     }

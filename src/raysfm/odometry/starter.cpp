@@ -7,7 +7,8 @@
 #include <limits>
 
 #include "raysfm/core/median.h"
-#include "raysfm/odometry/surfaces.h"
+#include "raysfm/views/scan_correction.h"
+#include "raysfm/views/surfaces.h"
 
 namespace raysfm {
 namespace {
@@ -264,10 +265,31 @@ std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& view
         match.seen[v] = {-1, static_cast<uint8_t>(c), of_view.octaves[features[v]],
                          of_view.pixels[features[v]]};
       }
+      for (int v = 0; v < 3 && rig_.scans(); ++v) match.scan_offsets[v] = scan_offset(c, f, views[v]);
       matches.push_back(std::move(match));
     }
   }
   return matches;
+}
+
+// Where a view shows a corner of the first one; null where it was not followed or is not there any more.
+const Eigen::Vector2f* Starter::corner_in(int camera, int corner, int view) const {
+  if (view < first_ || view >= next_ || !views_[view].view) return nullptr;
+  const int feature = view == first_ ? corner : from_first_[camera].matches(view - first_ - 1)[corner];
+  return feature < 0 ? nullptr : &views_[view].view->cameras[camera].features.pixels[feature];
+}
+
+// As its motion in the image from the view before to the one after tells it, without any geometry.
+Eigen::Vector2f Starter::scan_offset(int camera, int corner, int view) const {
+  const Eigen::Vector2f* here = corner_in(camera, corner, view);
+  const Eigen::Vector2f* before = corner_in(camera, corner, view - 1);
+  const Eigen::Vector2f* after = corner_in(camera, corner, view + 1);
+  const auto time = [&](int v) { return views_[v].view->timestamp; };
+  if (!here || (!before && !after)) return Eigen::Vector2f::Zero();
+  const Eigen::Vector2f motion = (after ? *after : *here) - (before ? *before : *here);
+  const double seconds = time(after ? view + 1 : view) - time(before ? view - 1 : view);
+  const double exposed_after = rig_.camera(camera).exposed_after(here->cast<double>());
+  return motion * static_cast<float>(exposed_after / seconds);
 }
 
 void Starter::find_across(const ViewPtr& first, std::vector<Match>* matches) {
@@ -305,7 +327,8 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   for (size_t i = 0; i < matches.size(); ++i) {
     const int point = static_cast<int>(i);
     for (int v = 0; v < 3; ++v)
-      add(point, v, matches[i].camera, matches[i].seen[v].pixel, matches[i].seen[v].octave);
+      add(point, v, matches[i].camera, matches[i].seen[v].pixel - matches[i].scan_offsets[v],
+          matches[i].seen[v].octave);
     for (const AcrossMatch& m : matches[i].across) add(point, 0, m.camera, m.pixel, m.octave);
   }
   GenericStartOptions options;
@@ -369,7 +392,10 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
     for (int v = 0; v < 3; ++v) {
       TrackPixel seen = m.seen[v];
       seen.track = track;
-      observe(rig_, seen, v, &map);
+      if (observe(rig_, seen, v, &map) && rig_.scans()) {
+        MapKeyFrame& k = map.keyframes[v];
+        set_scan_offset(rig_, k.size() - 1, m.scan_offsets[v], &k);
+      }
       if (v > 0) continue;
       for (const AcrossMatch& a : m.across) {
         observe(rig_, {track, static_cast<uint8_t>(a.camera), static_cast<uint8_t>(a.octave), a.pixel}, 0,
@@ -424,10 +450,10 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   for (int v = 0; v < 3; ++v) {
     const ViewPtr& view = views_[views[v]].view;
     if (v > 0) {
-      mapper.follow_tracks(v - 1, v, *view, &map, completed);
+      mapper.follow_tracks(v - 1, v, Velocity::Zero(), *view, &map, completed);
       mapper.triangulate_tracks(v, &map);
     }
-    mapper.complete_keyframe(view, v, &map, &completed);
+    mapper.complete_keyframe(view, v, Velocity::Zero(), &map, &completed);
   }
   start->views = std::move(completed);
   mapper.adjust_globally(&map);

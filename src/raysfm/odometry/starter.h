@@ -76,9 +76,12 @@ class Starter {
     int camera = 0;
     int corner = 0;                  // of the first view
     std::array<TrackPixel, 3> seen;  // tracks not yet numbered
+    std::array<Eigen::Vector2f, 3> scan_offsets = {};
     std::vector<AcrossMatch> across;
   };
   std::vector<Match> find_matches(const std::array<int, 3>& views) const;
+  Eigen::Vector2f scan_offset(int camera, int corner, int view) const;
+  const Eigen::Vector2f* corner_in(int camera, int corner, int view) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
   static double median_octave_side(const std::vector<Match>& matches);
   GenericStart estimate(const std::vector<Match>& matches, uint64_t stream) const;

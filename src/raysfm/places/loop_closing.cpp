@@ -4,8 +4,8 @@
 #include <cmath>
 #include <vector>
 
-#include "raysfm/places/map_measures.h"
 #include "raysfm/places/pose_graph.h"
+#include "raysfm/scene/map_measures.h"
 
 namespace raysfm {
 namespace {

@@ -5,7 +5,7 @@
 #include <numbers>
 #include <set>
 
-#include "raysfm/places/map_measures.h"
+#include "raysfm/scene/map_measures.h"
 
 namespace raysfm {
 namespace {

@@ -27,9 +27,9 @@ bool is_seen_there(const TrackingRig& rig, const Map& there, int keyframe, int t
     if (o.keyframe != keyframe) continue;
     const int camera = k.cameras[o.feature];
     Eigen::Vector2d pixel;
-    *agrees =
-        rig.find(camera, rig.cam_from_rig(camera) * (k.rig_from_world * point_there), &pixel) &&
-        (pixel - k.pixels[o.feature].cast<double>()).norm() < kThereError * octave_side(k.octaves[o.feature]);
+    *agrees = rig.find(camera, rig.cam_from_rig(camera) * (k.rig_from_world * point_there), &pixel) &&
+              (pixel - k.instant_pixel(o.feature).cast<double>()).norm() <
+                  kThereError * octave_side(k.octaves[o.feature]);
     return true;
   }
   return false;

@@ -68,13 +68,16 @@ bool write_keyframe(const MapKeyFrame& k, const KeyFrameSource& source, RowWrite
   std::vector<double> pose;
   append_pose(k.rig_from_world, &pose);
   const std::vector<double> rays = ray_numbers(k.rays);
+  // Without the images, what a rolling shutter did to them says nothing any more.
+  std::vector<Eigen::Vector2f> pixels;
+  for (int f = 0; f < k.size(); ++f) pixels.push_back(k.instant_pixel(f));
   row.integer(k.frame);
   row.real(source.timestamp);
   row.text(source.image);
   row.array(pose);
   row.integer(k.size());
   row.array(k.cameras);
-  row.array(k.pixels);
+  row.array(pixels);
   row.array(k.octaves);
   row.array(k.tracks);
   row.array(k.inliers);

@@ -47,11 +47,14 @@ struct MapKeyFrame {
   int frame = 0;  // index of the input frame
   Rigid3 rig_from_world;
   MapArray<uint8_t> cameras;         // of the rig, that the feature is seen in
-  MapArray<Eigen::Vector2f> pixels;  // sub-pixel positions
-  MapArray<uint8_t> octaves;         // of the image (features/octaves.h), in which these were found
-  MapArray<int> tracks;              // track seen there
-  MapArray<uint8_t> inliers;         // 1 while the observation agrees with its track's position
-  MapArray<ObservedRay> rays;        // where residuals are angular; else empty
+  MapArray<Eigen::Vector2f> pixels;  // sub-pixel positions, as the image shows them
+  // By how much a rolling shutter moved each of these from where it would be had all been exposed at the
+  // instant of the frame, which the pose is of. Empty: by nothing.
+  MapArray<Eigen::Vector2f> scan_offsets;
+  MapArray<uint8_t> octaves;   // of the image (features/octaves.h), in which these were found
+  MapArray<int> tracks;        // track seen there
+  MapArray<uint8_t> inliers;   // 1 while the observation agrees with its track's position
+  MapArray<ObservedRay> rays;  // where residuals are angular; else empty
 
   // What the place is recognised by: some of its features, ascending, and what each looks like. Empty where
   // the key frame shows little that others do not.
@@ -59,12 +62,19 @@ struct MapKeyFrame {
   MapArray<Descriptor> descriptors;
 
   int size() const { return static_cast<int>(pixels.size()); }
+  // Where a feature would be at the instant of the frame: what geometry is about.
+  Eigen::Vector2f instant_pixel(int f) const { return at_instant(f, pixels[f]); }
+  // The same if it were seen at another pixel.
+  Eigen::Vector2f at_instant(int f, const Eigen::Vector2f& pixel) const {
+    return scan_offsets.empty() ? pixel : Eigen::Vector2f(pixel - scan_offsets[f]);
+  }
   int add(int camera, const Eigen::Vector2f& pixel, int octave, int track) {
     cameras.push_back(static_cast<uint8_t>(camera));
     pixels.push_back(pixel);
     octaves.push_back(static_cast<uint8_t>(octave));
     tracks.push_back(track);
     inliers.push_back(1);
+    if (!scan_offsets.empty()) scan_offsets.emplace_back(Eigen::Vector2f::Zero());
     return size() - 1;
   }
 };

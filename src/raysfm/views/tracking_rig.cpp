@@ -38,6 +38,7 @@ TrackingRig::TrackingRig(Rig rig, ErrorMeasure measure) : rig_(std::move(rig)) {
   angular_ = measure == ErrorMeasure::kAngular || measure == ErrorMeasure::kAngularPlain;
   for (const Camera& camera : rig_.cameras) {
     angular_ |= !camera.can_project();
+    scans_ |= camera.shutter.readout > 0;
     cam_from_rig_.push_back(camera.rig_from_cam.inverse());
     pixels_per_radian_.push_back(camera.pixels_per_radian());
     finders_.emplace_back(camera);

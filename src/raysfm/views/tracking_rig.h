@@ -57,12 +57,15 @@ class TrackingRig {
   // All rays of all cameras pass one point, so that nothing can tell the scale.
   bool central() const { return central_; }
 
+  // A camera has a rolling shutter.
+  bool scans() const { return scans_; }
+
   // Pairs of cameras (a, b), a != b, where b sees a good part of what is far before a.
   const std::vector<std::pair<int, int>>& common_views() const { return common_views_; }
 
  private:
   Rig rig_;
-  bool angular_ = false, weighted_ = true, central_ = true;
+  bool angular_ = false, weighted_ = true, central_ = true, scans_ = false;
   std::vector<Rigid3> cam_from_rig_;
   std::vector<double> pixels_per_radian_;
   std::vector<PixelFinder> finders_;

@@ -178,7 +178,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   out.point_jacobians.resize(keyframe.size());
   for (int i = 0; i < keyframe.size(); ++i) {
     const Camera& camera = rig.camera(keyframe.cameras[i]);
-    const Eigen::Vector2d pixel = keyframe.pixels[i].cast<double>();
+    const Eigen::Vector2d pixel = keyframe.instant_pixel(i).cast<double>();
     Ray ray;
     // The jacobian shapes patches, it does not enter an estimate.
     Eigen::Matrix<double, 3, 2> jacobian;
@@ -193,12 +193,13 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   return out;
 }
 
-void renew_rays(const TrackingRig& rig, KeyFrameView* keyframe) {
-  for (size_t i = 0; i < keyframe->pixels.size(); ++i) {
+void renew_rays(const TrackingRig& rig, const MapKeyFrame& keyframe, KeyFrameView* view) {
+  for (size_t i = 0; i < view->pixels.size(); ++i) {
     Ray ray;
-    if (!rig.camera(keyframe->cameras[i]).ray(keyframe->pixels[i].cast<double>(), &ray)) continue;
-    keyframe->origins[i] = ray.origin.cast<float>();
-    keyframe->directions[i] = ray.direction.cast<float>();
+    if (!rig.camera(view->cameras[i]).ray(keyframe.instant_pixel(static_cast<int>(i)).cast<double>(), &ray))
+      continue;
+    view->origins[i] = ray.origin.cast<float>();
+    view->directions[i] = ray.direction.cast<float>();
   }
 }
 

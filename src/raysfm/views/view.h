@@ -105,10 +105,15 @@ struct KeyFrameView {
   const CameraView& camera_view(int feature) const { return view->cameras[cameras[feature]]; }
 };
 
+// Of the ray of a feature, in its camera's frame.
+inline Eigen::Vector3d point_on_ray(const KeyFrameView& keyframe, int feature, double distance) {
+  return keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
+}
+
 // Views and rays of a key frame's features, in the map's order.
 KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig);
 
-// The rays again, of cameras that are no longer those that it was made with.
-void renew_rays(const TrackingRig& rig, KeyFrameView* keyframe);
+// The rays again, of cameras or scan offsets that are no longer those that it was made with.
+void renew_rays(const TrackingRig& rig, const MapKeyFrame& keyframe, KeyFrameView* view);
 
 }  // namespace raysfm

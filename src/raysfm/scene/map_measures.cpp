@@ -1,4 +1,4 @@
-#include "raysfm/places/map_measures.h"
+#include "raysfm/scene/map_measures.h"
 
 #include "raysfm/core/median.h"
 

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/surfaces.h"
+#include "raysfm/views/surfaces.h"
 
 #include <gtest/gtest.h>
 

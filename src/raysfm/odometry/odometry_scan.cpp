@@ -1,0 +1,99 @@
+// What Odometry does about rolling shutters: how fast the rig moves at a frame.
+
+#include <algorithm>
+#include <cmath>
+
+#include "raysfm/odometry/odometry.h"
+#include "raysfm/views/scan_correction.h"
+
+namespace raysfm {
+namespace {
+
+// Frames to either side that tell how fast the rig moves at one, and seconds beyond which they do not.
+constexpr int kNeighbours = 2;
+constexpr double kFarAway = 0.25;
+
+}  // namespace
+
+// Of the rig at a frame, from those before it and those after it in its world; `next` is the pose of the
+// frame after it where that is not recorded yet.
+Velocity Odometry::velocity_of(int number, const Rigid3& rig_from_world, const Rigid3* next) const {
+  const TimedPose here{frames_[number].timestamp, rig_from_world};
+  const int segment = frames_[number].segment >= 0 ? frames_[number].segment : active_;
+  std::vector<TimedPose> others;
+  for (const int side : {-1, 1}) {
+    for (int i = 1; i <= kNeighbours; ++i) {
+      const int other = number + side * i;
+      if (other < 0 || other >= frames()) break;
+      const FrameRecord& frame = frames_[other];
+      if (std::abs(frame.timestamp - here.time) > kFarAway) break;
+      if (next && side * i == 1) {
+        others.push_back({frame.timestamp, *next});
+      } else if (frame.segment == segment) {
+        others.push_back({frame.timestamp, present_pose(frame, segments_[segment].map)});
+      } else {
+        break;
+      }
+    }
+  }
+  return velocity_at(here, others);
+}
+
+Velocity Odometry::present_velocity(int number) const {
+  return velocity_of(number, present_pose(frames_[number], segments_[frames_[number].segment].map));
+}
+
+// The pose of the newest frame again, now that its motion is known better than it was foretold.
+void Odometry::follow_scan(const View& view, Localisation* pose) {
+  if (!rig_.scans()) return;
+  pose->velocity = velocity_of(view.frame, pose->rig_from_world);
+  localiser_.set_velocity(pose->velocity);
+  const std::vector<TrackPixel> matches(pose->matches.begin(), pose->matches.end());
+  localiser_.refine(segment().map, matches, &pose->rig_from_world, &pose->covariance);
+}
+
+// Zero at key frames of earlier runs.
+Velocity Odometry::keyframe_velocity(const MapKeyFrame& keyframe) const {
+  return keyframe.frame < 0 ? Velocity::Zero() : velocity_of(keyframe.frame, keyframe.rig_from_world);
+}
+
+// Of the key frames of a world from one on.
+void Odometry::correct_scans(int number, int first_keyframe) {
+  if (!rig_.scans()) return;
+  SegmentState& s = segments_[number];
+  for (int k = std::max(0, first_keyframe); k < static_cast<int>(s.map.keyframes.size()); ++k) {
+    const MapKeyFrame& keyframe = s.map.keyframes[k];
+    if (keyframe.frame < 0) continue;
+    correct_scan(rig_, keyframe_velocity(keyframe), 0, k, &s.map);
+    if (k < static_cast<int>(s.views.size())) renew_rays(rig_, keyframe, &s.views[k]);
+  }
+}
+
+// Between two key frames of a start.
+Velocity Odometry::start_velocity(int keyframe) const {
+  const std::vector<MapKeyFrame>& k = segment().map.keyframes;
+  const TimedPose from{frames_[k[keyframe - 1].frame].timestamp, k[keyframe - 1].rig_from_world};
+  const TimedPose to{frames_[k[keyframe].frame].timestamp, k[keyframe].rig_from_world};
+  return velocity_at(from, std::span(&to, 1));
+}
+
+// The start was made of what corners did in the image. Now all of its frames have poses.
+void Odometry::refine_start() {
+  SegmentState& s = segment();
+  for (int round = 0; round < 2; ++round) {
+    correct_scans(world(), 0);
+    for (int k = 0; k < 3; ++k) mapper_.triangulate_tracks(k, &s.map);
+    mapper_.adjust_globally(&s.map);
+    for (int i = 0; i < frames(); ++i) {
+      FrameRecord& frame = frames_[i];
+      const bool hangs = frame.segment == world() && s.map.keyframes[frame.keyframe].frame != i;
+      if (!hangs || frame.matches.empty()) continue;
+      Rigid3 pose = present_pose(frame, s.map);
+      localiser_.set_velocity(present_velocity(i));
+      if (localiser_.refine(s.map, frame.matches, &pose, &frame.covariance))
+        frame.rig_from_keyframe = pose * s.map.keyframes[frame.keyframe].rig_from_world.inverse();
+    }
+  }
+}
+
+}  // namespace raysfm

@@ -1,0 +1,17 @@
+#pragma once
+
+#include "raysfm/scene/map.h"
+#include "raysfm/views/rolling_shutter.h"
+
+namespace raysfm {
+
+// Works out anew by how much the rolling shutter moved the features of a key frame from `first` on, from the
+// positions that their tracks have, or else at the median distance of the others. Does nothing where no
+// camera of the rig has one.
+void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map);
+
+// Sets that of one feature.
+void set_scan_offset(const TrackingRig& rig, int feature, const Eigen::Vector2f& offset,
+                     MapKeyFrame* keyframe);
+
+}  // namespace raysfm
