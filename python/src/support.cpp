@@ -190,8 +190,9 @@ Rigid3 pose_of(const py::handle& values, const char* argument) {
 }
 
 void set_settings(const char* function, const py::kwargs& given, const std::vector<SettingField>& fields) {
-  for (const auto& [key, value] : given) {
-    const std::string argument = py::str(key);
+  for (const auto& entry : given) {
+    const std::string argument = py::str(entry.first);
+    const py::handle value = entry.second;
     std::string name = argument;
     std::ranges::replace(name, '_', '-');
     const auto field = std::ranges::find(fields, name, &SettingField::name);
