@@ -89,9 +89,9 @@ BatchTable batch_table(const std::vector<BatchJob>& jobs, const BatchFolder& fol
     const Counts counts = done ? counts_of(folder.result(job)) : Counts{};
     table.csv += fmt::format("{},{},{},{},{:.3f},{},{}\n", csv_field(job.name), counts.frames, counts.posed,
                              counts.worlds, record->seconds, record->exit_code, csv_field(record->reason));
-    table.text +=
-        fmt::format("{:<{}}  {:>6}  {:>6}  {:>6}  {:>7.1f}  {:>4}  {}\n", job.name, width, counts.frames,
-                    counts.posed, counts.worlds, record->seconds, record->exit_code, record->reason);
+    table.text += fmt::format("{:<{}}  {:>6}  {:>6}  {:>6}  {:>7.1f}  {:>4}{}{}\n", job.name, width,
+                              counts.frames, counts.posed, counts.worlds, record->seconds, record->exit_code,
+                              record->reason.empty() ? "" : "  ", record->reason);
     if (record->exit_code == 0) continue;
     ++table.without_result;
     if (table.exit_code == 0) table.exit_code = record->exit_code;
