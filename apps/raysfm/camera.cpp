@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,9 +8,9 @@
 #include "commands.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
-#include "raysfm/camera/fit_model.h"
 #include "raysfm/camera_files/camera_convert.h"
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/camera_files/format_fit.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
@@ -119,55 +118,6 @@ Result<int> run_show(const CameraOptions& options, const CommonOptions& common) 
   return printed(text);
 }
 
-// The nearest camera of one of these models.
-Result<RayFit> best_fit(const Camera& camera, const std::vector<std::string_view>& models,
-                        const CameraOptions& options) {
-  std::optional<RayFit> best;
-  std::string reason = "no model";
-  for (std::string_view model : models) {
-    const bool table = model == "ray-table";
-    const Result<RayFit> fit = table && !options.grid.empty()
-                                   ? fit_ray_table(camera, options.grid[0], options.grid[1])
-                                   : fit_model(camera, model);
-    if (!fit) {
-      reason = fit.error().message;
-    } else if (!best || fit->samples > best->samples ||
-               (fit->samples == best->samples && fit->rms_px < best->rms_px)) {
-      best = *fit;
-    }
-  }
-  if (!best) return bad_input(fmt::format("{}: no fit: {}", camera.name, reason));
-  return *best;
-}
-
-// Brings the camera to a model that the format holds; `report` takes a line where that is not exact.
-Result<void> convert_model(const std::string& format, const CameraOptions& options, Camera* camera,
-                           std::string* report) {
-  for (const CameraModel& model : equivalent_models(camera->model)) {
-    const bool wanted = options.model.empty() || model_name(model) == options.model;
-    if (!wanted || !format_holds(format, model)) continue;
-    const CameraModel chosen = model;
-    camera->model = chosen;
-    return {};
-  }
-  std::vector<std::string_view> models = models_of_format(format);
-  if (!options.model.empty()) models = {options.model};
-  if (!options.fit) {
-    return bad_input(
-        fmt::format("{}: model {} is not the same camera as any {}; allowed: with --fit, the nearest",
-                    camera->name, model_name(camera->model), fmt::join(models, ", ")));
-  }
-  // A table is nearest to everything: only where it is asked for, or nothing else is held.
-  if (models.size() > 1) std::erase(models, "ray-table");
-  const Result<RayFit> fit = best_fit(*camera, models, options);
-  if (!fit) return fit.error();
-  *report += fmt::format("{}: {} fitted to {}: rms {:.3g} px, max {:.3g} px over {} rays\n", camera->name,
-                         model_name(fit->camera.model), model_name(camera->model), fit->rms_px, fit->max_px,
-                         fit->samples);
-  camera->model = fit->camera.model;
-  return {};
-}
-
 Result<void> write_files(const std::vector<CameraFileText>& files, const CameraOptions& options) {
   const std::string &out = options.out, inputs[] = {options.file};
   if (files.size() == 1) {
@@ -186,12 +136,14 @@ Result<void> write_files(const std::vector<CameraFileText>& files, const CameraO
   return written;
 }
 
-Result<int> run_convert(CameraOptions options, const CommonOptions& common) {
+Result<int> run_convert(const CameraOptions& options, const CommonOptions& common) {
   std::string format = options.to;
+  ModelChoice choice = {options.model, options.fit};
+  if (!options.grid.empty()) choice.grid = {options.grid[0], options.grid[1]};
   if (format == "ray-table") {
     format = "raysfm";
-    options.model = "ray-table";
-    options.fit = true;
+    choice.model = "ray-table";
+    choice.fit = true;
   }
   Result<Rig> rig = read_rig(options.file, options, common);
   if (!rig) return rig.error();
@@ -201,9 +153,10 @@ Result<int> run_convert(CameraOptions options, const CommonOptions& common) {
       return bad_input(fmt::format("{}: {}: resolution: missing; allowed: --size WIDTH HEIGHT", options.file,
                                    camera.name));
     }
-    if (format == "raysfm" && options.model.empty()) continue;
-    const Result<void> converted = convert_model(format, options, &camera, &report);
+    if (format == "raysfm" && choice.model.empty()) continue;
+    const Result<std::string> converted = bring_to_format(format, choice, &camera);
     if (!converted) return bad_input(fmt::format("{}: {}", options.file, converted.error().message));
+    report += *converted;
   }
   const Result<std::vector<CameraFileText>> files = format_cameras(*rig, format);
   if (!files) return bad_input(fmt::format("{}: {}", options.file, files.error().message));

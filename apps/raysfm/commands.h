@@ -29,6 +29,7 @@ Command add_synth(CLI::App& program, const CommonOptions& common);
 Command add_export(CLI::App& program, const CommonOptions& common);
 Command add_view(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);
+Command add_batch(CLI::App& program, const CommonOptions& common);
 Command add_map(CLI::App& program, const CommonOptions& common);
 
 }  // namespace raysfm::app

@@ -4,20 +4,18 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "commands.h"
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/plots/plot.h"
+#include "raysfm/results/evaluation_report.h"
 #include "raysfm/results/trajectory_file.h"
 #include "terminal.h"
 
 namespace raysfm::app {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 struct EvalOptions {
   std::string estimate;
@@ -31,42 +29,6 @@ struct EvalOptions {
 Alignment alignment_of(const std::string& name) {
   if (name == "sim3") return Alignment::kSim3;
   return name == "se3" ? Alignment::kSe3 : Alignment::kNone;
-}
-
-// A world of the estimate, and how it compares.
-struct World {
-  Trajectory estimate;
-  Result<Evaluation> evaluation;
-};
-
-Json json_of(const Evaluation& e) {
-  Json json;
-  json["scale"] = e.truth_from_estimate.scale;
-  json["matched"] = e.matches.size();
-  json["coverage"] = e.coverage;
-  json["length_m"] = e.length;
-  json["ate"] = {{"rmse", e.ate.rmse}, {"mean", e.ate.mean}, {"median", e.ate.median}, {"max", e.ate.max}};
-  json["ate_xy"] = {{"mean", e.ate_horizontal.mean}};
-  json["rpe"] = {{"trans", e.rpe.trans}, {"rot_deg", e.rpe.rot_deg}};
-  json["kitti"] = {{"t_rel_percent", nullptr}, {"r_rel_deg_per_100m", nullptr}};
-  if (e.kitti) {
-    json["kitti"]["t_rel_percent"] = e.kitti->t_rel_percent;
-    json["kitti"]["r_rel_deg_per_100m"] = e.kitti->r_rel_deg_per_100m;
-  }
-  return json;
-}
-
-std::string as_json(const std::vector<World>& worlds, double coverage, const EvalOptions& options) {
-  Json json = {{"align", options.align}};
-  json.update(json_of(*worlds.front().evaluation));
-  json["coverage_all"] = coverage;
-  json["worlds"] = Json::array();
-  for (const auto& [estimate, evaluation] : worlds) {
-    Json world = {{"poses", estimate.size()}};
-    world.update(evaluation ? json_of(*evaluation) : Json{{"reason", evaluation.error().message}});
-    json["worlds"].push_back(std::move(world));
-  }
-  return json.dump(2) + "\n";
 }
 
 std::string table_row(const char* name, const char* unit, const ErrorStatistics& s, double factor = 1) {
@@ -97,7 +59,8 @@ std::string as_table(const Evaluation& e, const Trajectory& truth, const EvalOpt
 }
 
 // The other worlds in a line each, which share neither frame nor scale with the main one.
-std::string worlds_table(const std::vector<World>& worlds, double coverage) {
+std::string worlds_table(const EvaluatedWorlds& evaluated) {
+  const std::vector<EvaluatedWorld>& worlds = evaluated.worlds;
   if (worlds.size() == 1) return "";
   std::string text =
       fmt::format("\nThe above is the main of {} worlds that share neither frame nor scale; each alone:\n",
@@ -111,29 +74,7 @@ std::string worlds_table(const std::vector<World>& worlds, double coverage) {
                                      evaluation->ate.rmse, evaluation->ate.mean)
                        : evaluation.error().message + "\n";
   }
-  return text + fmt::format("  all             coverage {:.1f} %\n", 100 * coverage);
-}
-
-Result<std::vector<World>> evaluate_worlds(const EvalOptions& options, const Trajectory& truth) {
-  const Result<std::vector<std::filesystem::path>> paths = trajectories_of_worlds(options.estimate);
-  if (!paths) return paths.error();
-  std::vector<World> worlds;
-  for (const std::filesystem::path& path : *paths) {
-    Result<Trajectory> estimate = read_trajectory(path);
-    if (!estimate) return estimate.error();
-    Result<Evaluation> evaluation = evaluate(*estimate, truth, {alignment_of(options.align), options.max_dt});
-    worlds.push_back({*std::move(estimate), std::move(evaluation)});
-  }
-  return worlds;
-}
-
-double coverage_of_all(const std::vector<World>& worlds, const Trajectory& truth) {
-  std::vector<bool> matched(truth.size(), false);
-  for (const World& world : worlds) {
-    if (!world.evaluation) continue;
-    for (const Match& match : world.evaluation->matches) matched[match.truth] = true;
-  }
-  return static_cast<double>(std::ranges::count(matched, true)) / truth.size();
+  return text + fmt::format("  all             coverage {:.1f} %\n", 100 * evaluated.coverage);
 }
 
 Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
@@ -145,22 +86,20 @@ Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
   if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
   const Result<Trajectory> truth = read_trajectory(options.truth);
   if (!truth) return truth.error();
-  const Result<std::vector<World>> worlds = evaluate_worlds(options, *truth);
-  if (!worlds) return worlds.error();
-  const auto& [estimate, evaluation] = worlds->front();
-  if (!evaluation) {
-    return bad_input(fmt::format("{}, {}: {}", options.estimate, options.truth, evaluation.error().message));
-  }
+  const Alignment alignment = alignment_of(options.align);
+  const Result<EvaluatedWorlds> evaluated =
+      evaluate_folder(options.estimate, *truth, options.truth, {alignment, options.max_dt});
+  if (!evaluated) return evaluated.error();
+  const auto& [estimate, evaluation] = evaluated->worlds.front();
   if (!options.plot.empty()) {
     const Result<void> plotted = plot_evaluation(estimate, *truth, *evaluation, options.plot);
     if (!plotted) return plotted.error();
   }
-  const double coverage = coverage_of_all(*worlds, *truth);
   std::string text;
   if (options.json) {
-    text = as_json(*worlds, coverage, options);
+    text = evaluation_json(*evaluated, alignment);
   } else if (!common.quiet) {
-    text = as_table(*evaluation, *truth, options) + worlds_table(*worlds, coverage);
+    text = as_table(*evaluation, *truth, options) + worlds_table(*evaluated);
     if (!options.plot.empty()) text += fmt::format("plot              {}\n", options.plot);
   }
   return printed(text);

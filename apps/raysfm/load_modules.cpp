@@ -1,8 +1,11 @@
-// The functions of the library that the program's modules hold: each loads its module first.
+// The functions of the library that the modules of the program and of the Python package hold: each loads its
+// module first.
 #include <dlfcn.h>
 #include <fmt/format.h>
+#include <link.h>
 
 #include <filesystem>
+#include <iostream>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -14,12 +17,31 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Beside the program as it is built, or where it is installed.
+// The shared library that this is a part of; empty: the program.
+fs::path own_library() {
+  static const char here = 0;
+  Dl_info info;
+  void* map = nullptr;
+  const bool known = dladdr1(&here, &info, &map, RTLD_DL_LINKMAP) != 0;
+  const char* name = known ? static_cast<const link_map*>(map)->l_name : "";
+  std::error_code failure;
+  return *name ? fs::absolute(name, failure) : fs::path();
+}
+
+// Found when it is loaded: a relative path of a library holds until somebody changes the folder.
+const fs::path library_of_this = own_library();
+
+fs::path folder_of_this() {
+  std::error_code failure;
+  const bool program = library_of_this.empty();
+  return (program ? fs::read_symlink("/proc/self/exe", failure) : library_of_this).parent_path();
+}
+
+// Beside this as it is built, or where it is installed.
 fs::path module_path(const char* file) {
   std::error_code failure;
-  const fs::path folder = fs::read_symlink("/proc/self/exe", failure).parent_path();
-  const fs::path beside = folder / file;
-  return fs::exists(beside, failure) ? beside : folder / RAYSFM_MODULE_FOLDER / file;
+  const fs::path beside = folder_of_this() / file;
+  return fs::exists(beside, failure) ? beside : folder_of_this() / RAYSFM_MODULE_FOLDER / file;
 }
 
 // Never unloaded: objects of the module's classes live as long as they like.
@@ -28,6 +50,8 @@ Result<const Module*> load() {
   const fs::path path = module_path(Module::kFile);
   void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   const void* table = library ? dlsym(library, Module::kSymbol) : nullptr;
+  // The program does not print through std::cerr, but OpenCV does.
+  if (library_of_this.empty()) std::cerr.rdbuf(nullptr);
   if (table) return static_cast<const Module*>(table);
   const char* reason = dlerror();
   if (reason && std::string_view(reason).find("failed to map segment") != std::string_view::npos) {

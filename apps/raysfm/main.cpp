@@ -6,12 +6,16 @@
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <memory>
 #include <new>
 #include <string>
 
+#include "build_facts.h"
 #include "commands.h"
+#include "options_text.h"
 #include "raysfm/page/page.h"
 #include "raysfm/results/output_folder.h"
+#include "terminal.h"
 
 namespace {
 
@@ -59,10 +63,22 @@ CLI::Validator seed_check() {
           ""};
 }
 
+// For those who build packages: texts that are made from the options.
+raysfm::app::Command add_options(CLI::App& program) {
+  auto format = std::make_shared<std::string>();
+  CLI::App* command = program.add_subcommand("options", "manual page or completion of a shell")->group("");
+  command->add_option("FORMAT", *format)->required()->check(CLI::IsMember({"man", "bash", "zsh"}));
+  return [format, &program] {
+    if (*format == "man") return raysfm::app::printed(raysfm::app::man_page(program, RAYSFM_VERSION));
+    return raysfm::app::printed(*format == "bash" ? raysfm::app::bash_completion(program)
+                                                  : raysfm::app::zsh_completion(program));
+  };
+}
+
 int run(int argc, char** argv) {
   using namespace raysfm::app;
   CLI::App program{"raysfm: camera poses and a map from video, whatever the camera", "raysfm"};
-  program.set_version_flag("--version", RAYSFM_VERSION);
+  program.set_version_flag("--version", build_facts, "version, and how this was built");
   program.require_subcommand(1);
   program.failure_message([](const CLI::App*, const CLI::Error& e) {
     return std::string("raysfm: ") + e.what() + " (--help tells what is)\n";
@@ -81,7 +97,8 @@ int run(int argc, char** argv) {
       {"solve", add_solve(program, common)},   {"eval", add_eval(program, common)},
       {"synth", add_synth(program, common)},   {"camera", add_camera(program, common)},
       {"export", add_export(program, common)}, {"view", add_view(program, common)},
-      {"map", add_map(program, common)},
+      {"map", add_map(program, common)},       {"batch", add_batch(program, common)},
+      {"options", add_options(program)},
   };
 
   try {

@@ -1,11 +1,9 @@
-#include <iostream>
-
 #include "modules.h"
 
 namespace {
 
-// The program says itself what is wrong with an image. It does not print through std::cerr, but OpenCV does.
-[[maybe_unused]] const bool silent = (raysfm::silence_opencv(), std::cerr.rdbuf(nullptr), true);
+// The program says itself what is wrong with an image.
+[[maybe_unused]] const bool silent = (raysfm::silence_opencv(), true);
 
 }  // namespace
 

@@ -190,16 +190,8 @@ void explain_interruption(Reconstruction* reconstruction) {
 
 Report make_report(const TrackSettings& settings, const Tracker& tracker, const Sources& sources,
                    const StageTiming& decode) {
-  const OdometryTimings t = tracker.timings();
-  Report report;
-  report.seed = settings.odometry.seed;
-  report.input = settings.inputs;
-  report.camera_class = to_string(camera_class(tracker.rig().rig()));
-  report.error = tracker.rig().angular() ? "angular" : "pixel";
-  report.stages = {{"decode", decode},       {"detect", t.detect}, {"start", t.start},
-                   {"match", t.match},       {"pose", t.pose},     {"align", t.align},
-                   {"keyframe", t.keyframe}, {"adjust", t.adjust}, {"calibrate", t.calibrate},
-                   {"frame", t.frame}};
+  Report report = tracker_report(settings, tracker);
+  report.stages.insert(report.stages.begin(), {"decode", decode});
   if (sources.find_ms > 0) {
     StageTiming lens;
     lens.add(sources.find_ms);
@@ -301,12 +293,33 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
 
 }  // namespace
 
+Result<OdometryOptions> odometry_options(const TrackSettings& given) {
+  TrackSettings settings = given;
+  if (auto r = choose_methods(&settings); !r) return r.error();
+  settings.odometry.starts_worlds = !settings.localise;
+  return settings.odometry;
+}
+
+Report tracker_report(const TrackSettings& settings, const Tracker& tracker) {
+  const OdometryTimings t = tracker.timings();
+  Report report;
+  report.seed = settings.odometry.seed;
+  report.input = settings.inputs;
+  report.camera_class = to_string(camera_class(tracker.rig().rig()));
+  report.error = tracker.rig().angular() ? "angular" : "pixel";
+  report.stages = {{"detect", t.detect}, {"start", t.start},         {"match", t.match},
+                   {"pose", t.pose},     {"align", t.align},         {"keyframe", t.keyframe},
+                   {"adjust", t.adjust}, {"calibrate", t.calibrate}, {"frame", t.frame}};
+  return report;
+}
+
 Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller) {
   const Clock::time_point start = Clock::now();
   const TrackCallbacks callbacks = caller.ready_once();
   TrackSettings settings = given;
-  if (auto r = choose_methods(&settings); !r) return r.error();
-  settings.odometry.starts_worlds = !settings.localise;
+  const Result<OdometryOptions> odometry = odometry_options(given);
+  if (!odometry) return odometry.error();
+  settings.odometry = *odometry;
   Result<RunMaps> maps = open_maps(settings);
   if (!maps) return maps.error();
   Result<Sources> sources = open_sources(settings, maps->known, callbacks);

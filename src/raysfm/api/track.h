@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,8 @@
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
+
+class Tracker;
 
 // What `raysfm track` is told. Field names are those of the command line and of --config.
 struct TrackSettings {
@@ -51,5 +54,24 @@ using TrackCallbacks = Callbacks<const TrackProgress&>;
 // Video of a calibrated camera to trajectory and map. Errors: bad input. A reconstruction without a single
 // pose is a value; its frames say why.
 Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks);
+
+// What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
+Result<OdometryOptions> odometry_options(const TrackSettings& settings);
+
+// What a report says of the cameras and of the stages of a tracker that was told so.
+Report tracker_report(const TrackSettings& settings, const Tracker& tracker);
+
+// Whether the results can go into `folder` without touching an input, and makes sure of the folder; else bad
+// input.
+Result<void> prepare_track_output(const TrackSettings& settings, const std::filesystem::path& folder);
+
+// Writes the results into the folder: write_output_folder() with config.yaml, and the cameras where they were
+// refined or found. The value is whether they were written: without a pose they do not replace an older
+// result.
+Result<bool> write_track_output(const TrackResult& result, const TrackSettings& settings,
+                                const std::string& version, const std::filesystem::path& folder);
+
+// Why there is no pose at all, for results that write_track_output() has `written` into the folder, or not.
+Error why_no_pose(const TrackResult& result, bool written, const std::filesystem::path& folder);
 
 }  // namespace raysfm

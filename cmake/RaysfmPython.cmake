@@ -1,0 +1,18 @@
+# python/ where all it needs is there. RAYSFM_PYTHON_FOUND says whether it is.
+set(RAYSFM_PYTHON_FOUND OFF)
+if(RAYSFM_PYTHON AND NOT RAYSFM_SANITIZE)
+  if(EXISTS ${RAYSFM_PYTHON_INTERPRETER})
+    set(Python_EXECUTABLE ${RAYSFM_PYTHON_INTERPRETER})
+    find_package(Python 3.9 QUIET COMPONENTS Interpreter Development.Module NumPy)
+  endif()
+  # Left to itself it would look for a Python of its own.
+  if(Python_FOUND)
+    find_package(pybind11 2.10 CONFIG QUIET)
+  endif()
+  if(Python_FOUND AND pybind11_FOUND)
+    set(RAYSFM_PYTHON_FOUND ON)
+    add_subdirectory(python)
+  else()
+    message(STATUS "No Python package: python3-dev, python3-numpy or pybind11-dev is missing")
+  endif()
+endif()

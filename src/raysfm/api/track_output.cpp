@@ -1,0 +1,79 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "raysfm/api/config.h"
+#include "raysfm/api/track.h"
+#include "raysfm/camera_files/camera_file.h"
+#include "raysfm/files/atomic_file.h"
+#include "raysfm/results/output_folder.h"
+
+namespace raysfm {
+namespace {
+
+// What a camera file should say of a lens that no file told; empty of one that a file told.
+std::string origin_comment(const TrackResult& result) {
+  const std::optional<LensOrigin>& origin = result.report.lens_origin;
+  if (!origin || origin->source == "camera file") return "";
+  std::string text = fmt::format("# From the {}", origin->source);
+  if (origin->first_frame >= 0) {
+    text += fmt::format(", frames {} to {}", origin->first_frame, origin->last_frame);
+  }
+  text += fmt::format(", where fx was {:.6g} with a standard deviation of {:.2g} %.\n", origin->focal,
+                      100 * origin->focal_sigma);
+  for (const CalibrationNumber& n : result.reconstruction.calibration) {
+    text += fmt::format("# {}: standard deviation {:.3g}{}\n", n.name, n.sigma,
+                        n.refined != n.given ? ", refined" : "");
+  }
+  return text;
+}
+
+// The camera file as refined or found: of another name where the given one lies in the same folder.
+std::vector<ResultFile> found_camera(const TrackResult& result, const TrackSettings& settings,
+                                     const std::filesystem::path& out) {
+  const Reconstruction& r = result.reconstruction;
+  const auto is_refined = [](const CalibrationNumber& n) { return n.refined != n.given; };
+  const std::string comment = origin_comment(result);
+  if (comment.empty() && std::ranges::none_of(r.calibration, is_refined)) return {};
+  std::vector<std::string> given = {settings.camera};
+  for (const std::string& input : settings.inputs) given.push_back(input + "/camera.yaml");
+  const Result<void> is_free = check_not_input("--out", out / "camera.yaml", given);
+  return {{is_free ? "camera.yaml" : "camera-refined.yaml", [&r, comment](const auto& path) {
+             return write_file(path, comment + format_camera_file(r.rig));
+           }}};
+}
+
+std::string first_reason(const Reconstruction& r) {
+  for (const PosedFrame& f : r.frames) {
+    if (!f.reason.empty()) return f.reason;
+  }
+  return "no frames";
+}
+
+}  // namespace
+
+Result<void> prepare_track_output(const TrackSettings& settings, const std::filesystem::path& folder) {
+  std::vector<std::string> inputs = settings.inputs;
+  inputs.push_back(settings.camera);
+  if (auto r = check_output_folder(folder, inputs); !r) return r;
+  return prepare_output_folder(folder);
+}
+
+Result<bool> write_track_output(const TrackResult& result, const TrackSettings& settings,
+                                const std::string& version, const std::filesystem::path& folder) {
+  Report report = result.report;
+  report.version = version;
+  return write_output_folder(result.reconstruction, std::move(report), effective_config(settings, version),
+                             folder, found_camera(result, settings, folder));
+}
+
+Error why_no_pose(const TrackResult& result, bool written, const std::filesystem::path& folder) {
+  const std::string reason = first_reason(result.reconstruction);
+  if (written) return no_reconstruction(reason);
+  return no_reconstruction(fmt::format(
+      "{}; the older result in {} stays, failed.json has the report of this run", reason, folder.string()));
+}
+
+}  // namespace raysfm
