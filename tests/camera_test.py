@@ -1,6 +1,13 @@
 """The subcommand `camera`: camera_test.py PROGRAM [unittest arguments]."""
+import os
+import pathlib
+import unittest
+
 import program
 from program import ProgramTest, run
+
+BOARDS = pathlib.Path(os.environ.get("RAYSFM_SHARED_DATA",
+                                     pathlib.Path(__file__).resolve().parents[2] / "shared" / "data")) / "boards"
 
 FISHEYE = """raysfm_camera: 1
 cameras:
@@ -120,6 +127,37 @@ class Camera(ProgramTest):
         done = run("camera", "convert", file, "--to", "colmap", "--size", 1226, 370)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("PINHOLE 1226 370 700 700 600.5 180.5", done.stdout)
+
+    @unittest.skipUnless(BOARDS.exists(), f"no shared data: {BOARDS}")
+    def test_calibrate_a_rig(self):
+        out = self.folder / "rig.yaml"
+        pair = BOARDS / "pinhole-stereo"
+        done = run("camera", "calibrate", f"{pair}/left*", f"{pair}/right*", "--board", "9x6", "--square", 0.03, "--out", out)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        for text in ("26 of 26 images show the board", "cam1: radtan, 640 x 480", "right, ", "film more: cam0: no corner"):
+            self.assertIn(text, done.stdout)
+        self.assertTrue((self.folder / "rig.png").read_bytes().startswith(b"\x89PNG"))
+        text = out.read_text()
+        self.assertRegex(text, r"# cam0 fx: standard deviation 0\.\d+\n")
+        self.assertRegex(text, r"# cam1 place: standard deviation 0\.00\d+\n")
+        shown = run("camera", "show", out)
+        self.assertRegex(shown.stdout, r"baseline 0\.(099|100)")  # 3.33 squares
+
+    @unittest.skipUnless(BOARDS.exists(), f"no shared data: {BOARDS}")
+    def test_boards_that_tell_no_camera(self):
+        left = BOARDS / "pinhole-stereo" / "left*"
+        out = self.folder / "x.yaml"
+        calibrate = ("camera", "calibrate", "--out", out)
+        self.refused(*calibrate, left, "--board", "9x9", says=["9x9", "13 images", "9x6 seems to be there"])
+        self.refused(*calibrate, left, "--board", "9by6", says=["--board = '9by6'", "as in 9x6"])
+        self.refused(*calibrate, left, "--model", "mirror", says=["--model = 'mirror'", "kannala-brandt"])
+        self.refused(*calibrate, left, "--square", -1, says=["--square = -1", "above 0"])
+        for i in range(5):
+            (self.folder / f"same-{i}.jpg").symlink_to(left.parent / "left01.jpg")
+        self.refused(*calibrate, self.folder / "same-*.jpg", says=["5 images", "1 of them", "at least 3"])
+        (self.folder / "same-5.jpg").symlink_to(BOARDS / "fisheye-stereo" / "left1.jpg")
+        self.refused(*calibrate, self.folder / "same-*.jpg", says=["same-5.jpg", "960x600", "640x480"])
+        self.assertFalse(out.exists())
 
 
 if __name__ == "__main__":

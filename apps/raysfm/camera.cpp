@@ -263,7 +263,8 @@ CLI::App* add_command(CLI::App& camera, const char* name, const char* help,
 
 Command add_camera(CLI::App& program, const CommonOptions& common) {
   auto options = std::make_shared<CameraOptions>();
-  CLI::App* camera = program.add_subcommand("camera", "look at, convert and check camera files");
+  CLI::App* camera =
+      program.add_subcommand("camera", "calibrate cameras; look at, convert and check camera files");
   camera->require_subcommand(1);
 
   CLI::App* show = add_command(*camera, "show", "what the cameras of a file see", options);
@@ -292,8 +293,11 @@ Command add_camera(CLI::App& program, const CommonOptions& common) {
   check->add_option("--against", options->against, "another file for the same cameras, to compare the rays")
       ->type_name("FILE");
 
+  const Command calibrate = add_calibrate(*camera, common);
+
   return [=, &common]() -> Result<int> {
     if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
+    if (camera->got_subcommand("calibrate")) return calibrate();
     if (*show) return run_show(*options, common);
     if (*convert) return run_convert(*options, common);
     return run_check(*options, common);

@@ -32,4 +32,7 @@ Command add_camera(CLI::App& program, const CommonOptions& common);
 Command add_batch(CLI::App& program, const CommonOptions& common);
 Command add_map(CLI::App& program, const CommonOptions& common);
 
+// A subcommand of `camera`, which is given in place of the program.
+Command add_calibrate(CLI::App& camera, const CommonOptions& common);
+
 }  // namespace raysfm::app

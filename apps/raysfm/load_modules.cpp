@@ -102,6 +102,18 @@ Result<std::unique_ptr<PhotoFeatures>> make_photo_features() {
   return call(&PictureModule::make_photo_features);
 }
 
+Result<std::vector<Eigen::Vector2d>> find_board_corners(const GrayView& image, int columns, int rows) {
+  return call(&PictureModule::find_board_corners, image, columns, rows);
+}
+
+Result<std::array<int, 2>> guess_board_size(const GrayView& image) {
+  return call(&PictureModule::guess_board_size, image);
+}
+
+Result<void> plot_boards(const BoardCalibration& calibration, const fs::path& path) {
+  return call(&PictureModule::plot_boards, calibration, path);
+}
+
 Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const VideoOptions& options) {
   return call(&VideoModule::open_video, path, options);
 }

@@ -6,7 +6,9 @@
 #include "raysfm/frames/image_writer.h"
 #include "raysfm/frames/other_image.h"
 #include "raysfm/frames/video_source.h"
+#include "raysfm/matching/board_corners.h"
 #include "raysfm/matching/photo_features.h"
+#include "raysfm/plots/board_plot.h"
 #include "raysfm/plots/camera_plot.h"
 #include "raysfm/plots/lens_plot.h"
 #include "raysfm/plots/plot.h"
@@ -23,6 +25,9 @@ struct PictureModule {
   decltype(&raysfm::plot_lens) plot_lens;
   decltype(&raysfm::plot_evaluation) plot_evaluation;
   decltype(&raysfm::make_photo_features) make_photo_features;
+  decltype(&raysfm::find_board_corners) find_board_corners;
+  decltype(&raysfm::guess_board_size) guess_board_size;
+  decltype(&raysfm::plot_boards) plot_boards;
 };
 
 struct VideoModule {

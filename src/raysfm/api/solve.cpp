@@ -70,7 +70,9 @@ Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, co
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
   if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
-    return reconstruct(input.tracks, options);
+    SolveOptions of_photos = options;
+    if (!is_tracks_file(settings.input)) of_photos.errors = ErrorRelation::kWithinImages;
+    return reconstruct(input.tracks, of_photos);
   }
   VideoOptions video{.radial = radial_of(settings),
                      .threads = thread_count(settings.threads),

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "raysfm/camera/model_check.h"
+#include "raysfm/camera/model_starts.h"
 #include "raysfm/camera/pixel_finder.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 
@@ -19,66 +20,6 @@ struct Sample {
   Eigen::Vector2d pixel;
   Eigen::Vector3d direction;
 };
-
-// Where a fit starts: a model with no more than a focal length, and which of its numbers are to be found.
-struct Start {
-  CameraModel model;
-  std::vector<double> scales;  // of each number: how much of it matters; 0: stays as it is
-  double max_angle = 3.2;      // radians off the axis; rays beyond take no part
-};
-
-constexpr double kPerspectiveAngle = 80 * 3.14159265358979323846 / 180;
-
-template <typename Model>
-std::vector<double> numbers_of(const Model& model) {
-  const auto p = model.parameters();
-  return {p.begin(), p.end()};
-}
-
-template <typename Model>
-Model with_numbers(const Model& model, const std::vector<double>& numbers) {
-  auto p = model.parameters();
-  std::copy_n(numbers.begin(), p.size(), p.begin());
-  return Model::from_parameters(p);
-}
-
-// Focal lengths and principal point first, then numbers of the order of 1.
-std::vector<double> usual_scales(size_t count, double focal) {
-  std::vector<double> scales(count, 1.0);
-  std::fill_n(scales.begin(), 4, focal);
-  return scales;
-}
-
-// None where the model is not one that can be fitted. Several where there are several minima. `f` is in
-// pixels per radian on the axis, which is at the pixel (x, y).
-std::vector<Start> starts_of(std::string_view model, double f, double x, double y) {
-  std::vector<Start> starts;
-  const auto use = [&](const auto& m, double max_angle = 3.2) {
-    starts.push_back({m, usual_scales(m.parameters().size(), f), max_angle});
-  };
-  if (model == Pinhole::kName) use(Pinhole{f, f, x, y}, kPerspectiveAngle);
-  if (model == Radtan::kName) use(Radtan{f, f, x, y}, kPerspectiveAngle);
-  if (model == Rational::kName) use(Rational{f, f, x, y}, kPerspectiveAngle);
-  if (model == KannalaBrandt::kName) use(KannalaBrandt{f, f, x, y});
-  if (model == Eucm::kName) use(Eucm{f, f, x, y, 0.5, 1});
-  if (model == Equirectangular::kName) use(Equirectangular{f, f, x, y});
-  if (model == Unified::kName) {
-    for (const double xi : {0.5, 1.0, 1.5}) use(Unified{(1 + xi) * f, (1 + xi) * f, x, y, xi});
-  }
-  if (model == DoubleSphere::kName) {
-    for (const double xi : {-0.2, 0.3}) use(DoubleSphere{(1 + xi) * f, (1 + xi) * f, x, y, xi, 0.55});
-  }
-  if (model == OCam::kName) {
-    // Of the polynomial OCamCalib's five coefficients, a1 being zero; at first nearly equidistant.
-    Start start{OCam{x, y, 1, 0, 0, {f, 0, -1 / (3 * f)}},
-                std::vector<double>(OCam::kParameterNames.size(), 0.0)};
-    const std::pair<size_t, double> free[] = {
-        {0, f}, {1, f}, {2, 1}, {3, 1}, {4, 1}, {5, f}, {7, 1 / f}, {8, 1 / (f * f)}, {9, 1 / (f * f * f)}};
-    for (const auto& [index, scale] : free) start.scales[index] = scale;
-    starts.push_back(start);
-  }
-  return starts;
-}
 
 // Residuals in pixels, two for each sample; `missing`, at each of the two, where the model does not see it.
 // Returns how many it sees, none when its numbers cannot be.
@@ -105,8 +46,8 @@ int project_all(const CameraModel& model, const std::vector<Sample>& samples, do
 // What levenberg_marquardt() minimises. Derivatives are central differences.
 class ModelProblem {
  public:
-  ModelProblem(const Start& start, const std::vector<Sample>& samples, double missing)
-      : start_(start), samples_(samples), missing_(missing), numbers_(numbers(start.model)) {
+  ModelProblem(const ModelStart& start, const std::vector<Sample>& samples, double missing)
+      : start_(start), samples_(samples), missing_(missing), numbers_(model_numbers(start.model)) {
     for (size_t i = 0; i < start.scales.size(); ++i) {
       if (start.scales[i] > 0) free_.push_back(i);
     }
@@ -166,25 +107,11 @@ class ModelProblem {
   void accept() { numbers_ = trial_; }
 
  private:
-  static std::vector<double> numbers(const CameraModel& model) {
-    return std::visit(
-        [](const auto& m) {
-          if constexpr (ParametricModel<std::decay_t<decltype(m)>>) return numbers_of(m);
-          return std::vector<double>{};
-        },
-        model);
-  }
-
   CameraModel model_with(const std::vector<double>& numbers) const {
-    return std::visit(
-        [&](const auto& m) -> CameraModel {
-          if constexpr (ParametricModel<std::decay_t<decltype(m)>>) return with_numbers(m, numbers);
-          return m;
-        },
-        start_.model);
+    return with_model_numbers(start_.model, numbers);
   }
 
-  const Start& start_;
+  const ModelStart& start_;
   const std::vector<Sample>& samples_;
   double missing_;
   std::vector<double> numbers_, trial_;
@@ -225,11 +152,9 @@ Result<RayFit> fit_model(const Camera& camera, std::string_view model) {
   Eigen::Vector2d axis(0.5 * (camera.width - 1), 0.5 * (camera.height - 1));
   PixelFinder(camera).find(Eigen::Vector3d::UnitZ(), &axis);
   const double focal = camera.pixels_per_radian();
-  const std::vector<Start> starts = starts_of(model, focal, axis.x(), axis.y());
+  const std::vector<ModelStart> starts = model_starts(model, focal, axis);
   if (starts.empty()) {
-    return bad_input("model " + std::string(model) +
-                     ": pinhole, radtan, rational, kannala-brandt, unified, double-sphere, eucm, ocam, "
-                     "equirectangular or ray-table");
+    return bad_input("model " + std::string(model) + ": " + std::string(kModelsWithStart) + " or ray-table");
   }
   std::vector<Sample> samples, others;
   if (!sample(camera, 0.0, starts[0].max_angle, &samples) ||
@@ -243,7 +168,7 @@ Result<RayFit> fit_model(const Camera& camera, std::string_view model) {
   RayFit fit;
   fit.camera = camera;
   double least = INFINITY;
-  for (const Start& start : starts) {
+  for (const ModelStart& start : starts) {
     ModelProblem problem(start, samples, std::max(camera.width, camera.height));
     const LmSummary summary = levenberg_marquardt(
         problem, {.max_iterations = 200, .min_relative_decrease = 1e-10, .initial_damping = 1e-3});

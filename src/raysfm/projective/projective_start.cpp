@@ -25,7 +25,8 @@ class Builder {
   }
 
   Result<ProjectiveStart> build() {
-    auto pair = farthest_pair(observations_, options_.max_error, options_.max_samples, options_.seed);
+    auto pair =
+        farthest_pair(observations_, options_.max_error, options_.max_samples, options_.seed, options_.rank);
     if (!pair) return pair.error();
     begin(*pair);
     adjust(10);

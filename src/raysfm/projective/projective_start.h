@@ -13,6 +13,7 @@ struct ProjectiveStartOptions {
   double max_error = 0.005;  // of an inlier, in the units of the pixels
   int max_samples = 2000;    // of each RANSAC
   uint64_t seed = 0;
+  int rank = 0;                                // of the pair to start from, see farthest_pair()
   const ProgressCallback* progress = nullptr;  // null or empty: none; false ends without a start
 };
 

@@ -152,16 +152,15 @@ bool fundamental_ransac(const PairMatches& matches, double max_error, int max_sa
 }
 
 Result<ViewPair> farthest_pair(const ImageObservations& observations, double max_error, int max_samples,
-                               uint64_t seed) {
-  constexpr size_t kMaxTried = 8;
+                               uint64_t seed, int rank) {
+  constexpr size_t kMaxTried = 8, kMaxTriedAgain = 30;
   const std::vector<RankedPair> ranked = rank_pairs(observations);
   if (ranked.empty()) {
     return no_reconstruction("start: no two images share " + std::to_string(kMinMatches) +
                              " points, the fewest that give their epipolar geometry");
   }
-  ViewPair best;
-  double best_score = 0;
-  for (size_t i = 0; i < std::min(kMaxTried, ranked.size()); ++i) {
+  std::vector<std::pair<double, ViewPair>> found;
+  for (size_t i = 0; i < std::min(rank > 0 ? kMaxTriedAgain : kMaxTried, ranked.size()); ++i) {
     ViewPair pair;
     pair.images[0] = ranked[i].a, pair.images[1] = ranked[i].b;
     if (!fundamental_ransac(observations.matches(ranked[i].a, ranked[i].b), max_error, max_samples, seed, i,
@@ -170,11 +169,18 @@ Result<ViewPair> farthest_pair(const ImageObservations& observations, double max
     }
     const double share = double(pair.inliers) / double(pair.matches.a.size());
     const double parallax = homography_residual(inliers_of(pair));
-    const double score = parallax > max_error ? parallax * pair.inliers * share : 0;
-    if (score > best_score) best = std::move(pair), best_score = score;
+    if (parallax > max_error) found.emplace_back(parallax * pair.inliers * share, std::move(pair));
   }
-  if (best.inliers == 0) return no_parallax(observations, ranked, max_error);
-  return best;
+  if (found.empty()) return no_parallax(observations, ranked, max_error);
+  std::stable_sort(found.begin(), found.end(),
+                   [](const auto& x, const auto& y) { return x.first > y.first; });
+  std::vector<uint8_t> taken(observations.images(), 0);
+  for (auto& [score, pair] : found) {
+    if (taken[pair.images[0]] || taken[pair.images[1]]) continue;
+    if (rank-- == 0) return std::move(pair);
+    taken[pair.images[0]] = taken[pair.images[1]] = 1;
+  }
+  return no_reconstruction("start: there is no further pair of images to start from");
 }
 
 }  // namespace raysfm

@@ -45,9 +45,9 @@ struct ViewPair {
 bool fundamental_ransac(const PairMatches& matches, double max_error, int max_samples, uint64_t seed,
                         uint64_t stream, ViewPair* pair);
 
-// The pair of most parallax: many matches that a homography leaves far apart. kNoReconstruction as
-// projective_start().
+// The pair of most parallax: many matches that a homography leaves far apart; with a `rank` above 0 the best
+// after so many, which has no image in common with those. kNoReconstruction as projective_start().
 Result<ViewPair> farthest_pair(const ImageObservations& observations, double max_error, int max_samples,
-                               uint64_t seed);
+                               uint64_t seed, int rank = 0);
 
 }  // namespace raysfm

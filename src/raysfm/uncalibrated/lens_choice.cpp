@@ -61,14 +61,15 @@ struct Verdict {
 };
 
 Verdict judge_lens(const Comparison& c, double freedom, double spread, ErrorRelation errors) {
-  constexpr double kLeastSpread = 0.01, kSureSpread = 0.03, kSureRatio = 1.15;
+  constexpr double kLeastSpread = 0.01, kSureSpread = 0.03, kSureRatio = 1.15, kPhotoRatio = 1.05;
   const bool along_tracks = errors == ErrorRelation::kAlongTracks;
   const double gain = (c.fixed - c.zoom) / std::max(c.zoom / freedom, 1e-12);
   const double added = 3.0 * std::max(1, c.images - 1);
   const double needed =
       along_tracks ? added * std::log(std::max(2, 2 * c.observations)) : added + 4 * std::sqrt(2 * added);
   const double ratio = std::sqrt(c.fixed / std::max(c.zoom, 1e-12));
-  const bool changes = spread > kLeastSpread && (spread > kSureSpread || ratio > kSureRatio);
+  const bool changes = spread > kLeastSpread &&
+                       (along_tracks ? spread > kSureSpread || ratio > kSureRatio : ratio > kPhotoRatio);
   const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
   std::string evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
                          " px with one for each image over the same observations: " + std::to_string(gain) +
@@ -80,7 +81,12 @@ Verdict judge_lens(const Comparison& c, double freedom, double spread, ErrorRela
         "by " +
         std::to_string(100 * spread) + " %";
   }
-  return {gain > needed && (changes || !along_tracks), std::move(evidence)};
+  if (errors == ErrorRelation::kWithinImages) {
+    evidence +=
+        " where the focal length changes by more than 1 % and the rms falls by a twentieth; it changes by " +
+        std::to_string(100 * spread) + " %";
+  }
+  return {gain > needed && (changes || errors == ErrorRelation::kNone), std::move(evidence)};
 }
 
 }  // namespace

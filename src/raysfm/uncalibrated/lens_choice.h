@@ -8,12 +8,6 @@
 
 namespace raysfm {
 
-// How the errors of observations are related.
-enum class ErrorRelation {
-  kNone,         // photos, known points: every observation has its own
-  kAlongTracks,  // corners followed through a video: alike along a track
-};
-
 // Which of two reconstructions of the same tracks to believe, `fixed` with one lens for all images or `zoom`
 // with one for each; the one that there is where only one is, with the error of `fixed` where none is. Says
 // why in lens_evidence. `compared`: one mark for each image, whether its observations are looked at.
@@ -22,7 +16,8 @@ enum class ErrorRelation {
 // max_error_px, in units of the variance of the residuals, by four standard deviations more than as many
 // superfluous numbers would (chi-squared). Errors that are alike along a track lower it too: there it must
 // fall by what the Bayesian information criterion asks for, and the focal length must change by more than
-// such errors bring about, or the residuals fall by what they cannot.
+// such errors bring about, or the residuals fall by what they cannot. Errors that are alike in an image
+// lower it by a few percent, and the focal length must change too.
 Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::span<const uint8_t> compared,
                                                Result<UncalibratedReconstruction> fixed,
                                                Result<UncalibratedReconstruction> zoom, double max_error_px,

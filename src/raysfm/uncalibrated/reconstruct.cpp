@@ -1,13 +1,16 @@
 #include "raysfm/uncalibrated/reconstruct.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "raysfm/projective/absolute_quadric.h"
 #include "raysfm/projective/degeneracy.h"
 #include "raysfm/projective/projective_start.h"
 #include "raysfm/uncalibrated/lens_choice.h"
+#include "raysfm/uncalibrated/scene_growth.h"
 
 namespace raysfm {
 namespace {
@@ -95,6 +98,9 @@ struct Solution {
   UncalibratedScene scene;
   LensAdjustmentSummary summary;
   std::vector<uint8_t> inlier;
+  std::vector<uint8_t> image_posed, point_placed;  // looked at by judge()
+  int start_images[2] = {-1, -1};
+  int start_inliers = 0;
 };
 
 // Where the scene agrees with the observations, of images posed and points placed.
@@ -114,14 +120,37 @@ Error interrupted() {
   return no_reconstruction("interrupted");
 }
 
-// The candidate that ends in the least cost, adjusted again with the observations that then agree with it.
-Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart& start, const Units& units,
-                               const SolveOptions& options, bool equal) {
+// Adjusts with the observations that agree with the scene, and judges them anew.
+Result<void> settle(const PointTracks& tracks, const SolveOptions& options, LensAdjustmentOptions adjustment,
+                    Solution* solution) {
+  adjustment.with_sigma = true;
+  adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
+  const auto judged = [&] {
+    return judge(tracks, solution->scene, solution->image_posed, solution->point_placed,
+                 options.max_error_px);
+  };
+  solution->inlier = judged();
+  const std::vector<double> kept(solution->inlier.begin(), solution->inlier.end());
+  auto summary = adjust(tracks, kept, adjustment, options.method, &solution->scene);
+  if (!summary) return summary.error();
+  solution->summary = std::move(*summary);
+  solution->inlier = judged();
+  return {};
+}
+
+LensAdjustmentOptions adjustment_of(const PointTracks& tracks, const SolveOptions& options, bool equal) {
   LensAdjustmentOptions adjustment;
   adjustment.constraints = constraints_for(tracks, options, equal);
   adjustment.method = options.constraints;
   adjustment.with_sigma = false;
   adjustment.lm.progress = &options.go_on;
+  return adjustment;
+}
+
+// The candidate that ends in the least cost, adjusted again with the observations that then agree with it.
+Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart& start, const Units& units,
+                               const SolveOptions& options, bool equal) {
+  const LensAdjustmentOptions adjustment = adjustment_of(tracks, options, equal);
   const std::vector<double> weights(start.inlier.begin(), start.inlier.end());
   Solution best;
   double least = std::numeric_limits<double>::infinity();
@@ -143,20 +172,16 @@ Result<Solution> best_solution(const PointTracks& tracks, const ProjectiveStart&
   }
   if (!std::isfinite(least)) return reason;
   if (options.stopped()) return interrupted();
-  adjustment.with_sigma = true;
-  adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
-  best.inlier = judge(tracks, best.scene, start.image_posed, start.point_placed, options.max_error_px);
-  const std::vector<double> kept(best.inlier.begin(), best.inlier.end());
-  auto summary = adjust(tracks, kept, adjustment, options.method, &best.scene);
-  if (!summary) return summary.error();
-  best.summary = std::move(*summary);
-  best.inlier = judge(tracks, best.scene, start.image_posed, start.point_placed, options.max_error_px);
+  best.image_posed = start.image_posed;
+  best.point_placed = start.point_placed;
+  std::copy_n(start.images, 2, best.start_images);
+  best.start_inliers = start.pair_inliers;
+  if (auto settled = settle(tracks, options, adjustment, &best); !settled) return settled.error();
   return best;
 }
 
 // What the inliers of images and points that have enough of them say.
-UncalibratedReconstruction filled(const PointTracks& tracks, const ProjectiveStart& start,
-                                  Solution solution) {
+UncalibratedReconstruction filled(const PointTracks& tracks, Solution solution) {
   UncalibratedReconstruction result;
   result.image_posed.assign(tracks.image_count, 0);
   result.point_placed.assign(tracks.point_count, 0);
@@ -165,9 +190,10 @@ UncalibratedReconstruction filled(const PointTracks& tracks, const ProjectiveSta
   for (int k = 0; k < tracks.size(); ++k) {
     in_image[tracks.image[k]] += solution.inlier[k];
     of_point[tracks.point[k]] += solution.inlier[k];
-    seen[tracks.point[k]] += start.image_posed[tracks.image[k]];
+    seen[tracks.point[k]] += solution.image_posed[tracks.image[k]];
   }
-  for (int j = 0; j < tracks.image_count; ++j) result.image_posed[j] = in_image[j] >= kMinPointsPerImage;
+  for (int j = 0; j < tracks.image_count; ++j)
+    result.image_posed[j] = solution.image_posed[j] && in_image[j] >= kMinPointsPerImage;
   for (int i = 0; i < tracks.point_count; ++i) {
     result.point_placed[i] = of_point[i] >= 2 && 2 * of_point[i] > seen[i];
   }
@@ -179,17 +205,162 @@ UncalibratedReconstruction filled(const PointTracks& tracks, const ProjectiveSta
   result.inlier = std::move(solution.inlier);
   result.lens_sigma = solution.summary.lens_sigma;
   result.adjustment = std::move(solution.summary);
-  std::copy_n(start.images, 2, result.start_images);
-  result.start_inliers = start.pair_inliers;
+  std::copy_n(solution.start_images, 2, result.start_images);
+  result.start_inliers = solution.start_inliers;
   return result;
 }
 
-Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, const SolveOptions& options) {
+Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, const SolveOptions& options,
+                                 int rank = 0) {
   return projective_start(units.apply(tracks), {.max_error = options.max_error_px / units.scale,
                                                 .max_samples = options.max_samples,
                                                 .seed = options.seed,
+                                                .rank = rank,
                                                 .progress = &options.go_on});
 }
+
+// Reconstructions of photos, with one lens or one for each: where a start leaves images out or leads nowhere,
+// they are posed by the points of the others, other pairs are started from, and at last focal lengths are
+// tried.
+class PhotoSolver {
+ public:
+  PhotoSolver(const PointTracks& tracks, const Units& units, const SolveOptions& options)
+      : tracks_(tracks), units_(units), options_(options), points_of_(tracks.image_count, 0) {
+    for (const int image : tracks.image) ++points_of_[image];
+  }
+
+  Result<Solution> solve(const Result<ProjectiveStart>& first, bool equal) {
+    Result<Solution> best = grown(solution_from(first, equal), equal);
+    for (int rank = 1; rank < kStarts && left_out(best) > 0 && !options_.stopped(); ++rank) {
+      if (!starts_[rank]) starts_[rank] = start_of(tracks_, units_, options_, rank);
+      if (!*starts_[rank]) break;
+      Result<Solution> other = grown(solution_from(*starts_[rank], equal), equal);
+      if (is_better(other, best)) best = std::move(other);
+    }
+    if (!best && !options_.stopped()) best = euclidean(best.error(), equal);
+    return best;
+  }
+
+ private:
+  static constexpr int kStarts = 4, kUsable = 20;  // points of an image
+
+  Result<Solution> solution_from(const Result<ProjectiveStart>& start, bool equal) const {
+    if (!start) return start.error();
+    return best_solution(tracks_, *start, units_, options_, equal);
+  }
+
+  // Marks images posed only where enough agrees, with a lens that can be.
+  void unpose_weak(Solution* solution) const {
+    const std::vector<int> counts = inliers_of_images(*solution);
+    for (int j = 0; j < tracks_.image_count; ++j) {
+      const double focal = solution->scene.lenses[j].fx / units_.scale;
+      const bool can_be = focal > 0.2 && focal < 40;
+      if (counts[j] < 2 * kMinPointsPerImage || !can_be) solution->image_posed[j] = 0;
+    }
+  }
+
+  std::vector<int> inliers_of_images(const Solution& solution) const {
+    std::vector<int> counts(tracks_.image_count, 0);
+    for (int k = 0; k < tracks_.size(); ++k) counts[tracks_.image[k]] += solution.inlier[k];
+    return counts;
+  }
+
+  // Images that could have a pose and have none.
+  int left_out(const Result<Solution>& solution) const {
+    if (!solution) return tracks_.image_count;
+    int count = 0;
+    for (int j = 0; j < tracks_.image_count; ++j)
+      count += points_of_[j] >= kUsable && !solution->image_posed[j];
+    return count;
+  }
+
+  bool is_better(const Result<Solution>& a, const Result<Solution>& b) const {
+    if (!a || !b) return a.ok();
+    const int out_a = left_out(a), out_b = left_out(b);
+    if (out_a != out_b) return out_a < out_b;
+    return std::ranges::count(a->inlier, 1) > std::ranges::count(b->inlier, 1);
+  }
+
+  // With images that were left out posed by the points of the others, as long as that gains any.
+  Result<Solution> grown(Result<Solution> solution, bool equal) const {
+    constexpr int kRounds = 4;
+    if (!solution) return solution;
+    unpose_weak(&*solution);
+    for (int round = 0; round < kRounds && left_out(solution) > 0 && !options_.stopped(); ++round) {
+      GrowingScene growing{solution->scene, solution->image_posed, solution->point_placed};
+      keep_good_points(*solution, &growing);
+      place_left_points(tracks_, options_.max_error_px, &growing);
+      if (pose_left_images(tracks_, options_, !equal, &growing) == 0) break;
+      Result<Solution> more = settled(std::move(growing), *solution, equal);
+      if (!is_better(more, solution)) break;
+      solution = std::move(more);
+    }
+    return solution;
+  }
+
+  void keep_good_points(const Solution& solution, GrowingScene* growing) const {
+    std::vector<int> counts(tracks_.point_count, 0);
+    for (int k = 0; k < tracks_.size(); ++k) {
+      counts[tracks_.point[k]] += solution.inlier[k] & solution.image_posed[tracks_.image[k]];
+    }
+    for (int i = 0; i < tracks_.point_count; ++i) growing->point_placed[i] &= counts[i] >= 2;
+  }
+
+  // A grown scene adjusted twice: what was placed before may agree with what the first gives.
+  Result<Solution> settled(GrowingScene growing, const Solution& before, bool equal) const {
+    Solution solution;
+    std::copy_n(before.start_images, 2, solution.start_images);
+    solution.start_inliers = before.start_inliers;
+    const LensAdjustmentOptions adjustment = adjustment_of(tracks_, options_, equal);
+    for (int pass = 0; pass < 2; ++pass) {
+      if (options_.stopped()) return interrupted();
+      solution.scene = std::move(growing.scene);
+      solution.image_posed = growing.image_posed;
+      solution.point_placed = growing.point_placed;
+      if (auto r = settle(tracks_, options_, adjustment, &solution); !r) return r.error();
+      unpose_weak(&solution);
+      if (pass == 1) break;
+      growing = {solution.scene, solution.image_posed, solution.point_placed};
+      keep_good_points(solution, &growing);
+      place_left_points(tracks_, options_.max_error_px, &growing);
+    }
+    return solution;
+  }
+
+  // From the first pairs with one focal length after the other; the one with which most agrees.
+  Result<Solution> euclidean(const Error& reason, bool equal) const {
+    constexpr std::array kFocals = {1.0, 1.4, 2.0, 2.8, 4.0, 5.6};  // of half the larger side
+    const ImageObservations observations(tracks_);
+    Result<Solution> best = reason;
+    for (int rank = 0; rank < 2; ++rank) {
+      const auto pair =
+          farthest_pair(observations, options_.max_error_px, options_.max_samples, options_.seed, rank);
+      if (!pair) break;
+      for (const double focal : kFocals) {
+        GrowingScene growing;
+        if (options_.stopped()) return interrupted();
+        if (!euclidean_start(tracks_, *pair, focal * units_.scale, &growing)) continue;
+        // A wrong focal length bends the scene: errors are allowed for until the lens is adjusted.
+        SolveOptions loose = options_;
+        loose.max_error_px *= 3;
+        place_left_points(tracks_, loose.max_error_px, &growing);
+        pose_left_images(tracks_, loose, false, &growing);
+        Solution before;
+        std::copy_n(pair->images, 2, before.start_images);
+        before.start_inliers = pair->inliers;
+        Result<Solution> solution = grown(settled(std::move(growing), before, equal), equal);
+        if (solution && is_better(solution, best)) best = std::move(solution);
+      }
+    }
+    return best;
+  }
+
+  const PointTracks& tracks_;
+  const Units& units_;
+  const SolveOptions& options_;
+  std::vector<int> points_of_;
+  std::array<std::optional<Result<ProjectiveStart>>, kStarts> starts_;
+};
 
 }  // namespace
 
@@ -233,17 +404,20 @@ Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const 
   const Units units(tracks);
   const auto start = start_of(tracks, units, options);
   if (!start) return start.error();
+  PhotoSolver photos(tracks, units, options);
   const auto solved = [&](bool equal) -> Result<UncalibratedReconstruction> {
-    auto solution = best_solution(tracks, *start, units, options, equal);
+    auto solution = options.errors == ErrorRelation::kWithinImages
+                        ? photos.solve(start, equal)
+                        : best_solution(tracks, *start, units, options, equal);
     if (!solution) return solution.error();
-    UncalibratedReconstruction result = filled(tracks, *start, std::move(*solution));
+    UncalibratedReconstruction result = filled(tracks, std::move(*solution));
     result.zooming = !equal;
     result.lens_evidence = "as asked for";
     return result;
   };
   const std::vector<uint8_t> all(tracks.image_count, 1);
   auto result = options.lens == LensChange::kAuto ? choose_lens(tracks, all, solved(true), solved(false),
-                                                                options.max_error_px, ErrorRelation::kNone)
+                                                                options.max_error_px, options.errors)
                                                   : solved(options.lens == LensChange::kFixed);
   if (!result) return result;
   result->degenerate =

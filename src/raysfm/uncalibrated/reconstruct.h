@@ -18,11 +18,19 @@ enum class LensChange { kAuto, kFixed, kZoom };
 // By moments (IFBA01 section 3), with lenses as unknowns, or the first ended by the second.
 enum class LensMethod { kIntrinsicsFree, kStandard, kPolished };
 
+// How the errors of observations are related.
+enum class ErrorRelation {
+  kNone,          // known points, tracks of others: every observation has its own
+  kAlongTracks,   // corners followed through a video: alike along a track
+  kWithinImages,  // photos: what the lens has beyond a focal length moves all points of an image
+};
+
 // How a scene of unknown lenses is reconstructed.
 struct SolveOptions {
   LensChange lens = LensChange::kAuto;
   LensMethod method = LensMethod::kPolished;
   ConstraintMethod constraints = ConstraintMethod::kWeights;
+  ErrorRelation errors = ErrorRelation::kNone;
   double max_error_px = 3.0;  // of an inlier, > 0
   // Standard deviation of the principal point about the centre of the image, as a share of the image's
   // larger side; 0: nothing is known of it.
