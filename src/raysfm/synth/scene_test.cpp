@@ -91,7 +91,7 @@ TEST(Terrace, EverythingIsThereAgainTenMetresOn) {
   ThreadPool pool(1);
   const Result<World> world = make_world("terrace", {}, pool);
   ASSERT_TRUE(world);
-  const auto there = [](const Vector3d& place) { return place + Vector3d(0, 0, 10); };
+  const auto there = [](const Vector3d& place) -> Vector3d { return place + Vector3d(0, 0, 10); };
   const auto alike = [](const Finish& a, const Finish& b) {
     return a.texture == b.texture && a.period == b.period && (a.tint == b.tint).all() &&
            a.shift_u == b.shift_u && a.shift_v == b.shift_v;
