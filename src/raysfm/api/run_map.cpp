@@ -50,9 +50,9 @@ Result<Rig> cameras_of_map(const TrackSettings& settings, const SavedMap& known,
   return given;
 }
 
-std::vector<Map> worlds_of(const SavedMap& known) {
+std::vector<Map> take_worlds(SavedMap* known) {
   std::vector<Map> worlds;
-  for (const SavedWorld& world : known.worlds) worlds.push_back(world.map);
+  for (SavedWorld& world : known->worlds) worlds.push_back(std::exchange(world.map, {}));
   return worlds;
 }
 

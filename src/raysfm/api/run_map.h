@@ -21,8 +21,8 @@ Result<RunMaps> open_maps(const TrackSettings& settings);
 // and of the same sizes. Errors: bad input.
 Result<Rig> cameras_of_map(const TrackSettings& settings, const SavedMap& known, Rig given);
 
-// The maps without what only the file has, for the tracker.
-std::vector<Map> worlds_of(const SavedMap& known);
+// The maps, for the tracker; `known` keeps what only the file has.
+std::vector<Map> take_worlds(SavedMap* known);
 
 // Writes what a run leaves: `maps` are those of Tracker::finish(). Does nothing where none was asked for, or
 // there is nothing to write.

@@ -297,7 +297,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   Result<std::unique_ptr<Tracker>> made =
       Tracker::create(sources->rig,
                       {settings.odometry, std::move(sources->masks),
-                       maps->known ? worlds_of(*maps->known) : std::vector<Map>()},
+                       maps->known ? take_worlds(&*maps->known) : std::vector<Map>()},
                       &narrator);
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();

@@ -26,6 +26,9 @@ struct OdometryTimings {
   StageTiming detect, start, match, pose, align, keyframe, adjust, calibrate, frame;
 };
 
+// Standard deviation of the logarithm of a scale below which it is called metric.
+constexpr double kMetricSigma = 0.02;
+
 enum class TrackingState : uint8_t {
   kStarting,  // no world yet
   kTracking,  // the frame has a pose
@@ -160,8 +163,8 @@ class Odometry {
   // odometry_places.cpp:
   void look_about(int end);
   std::vector<int> shared_points(int keyframe) const;
-  bool is_new_place(int keyframe) const;
-  void remember(int keyframe);
+  bool is_new_place(int keyframe, const std::vector<int>& shared) const;
+  void remember(int keyframe, const std::vector<int>& shared);
   std::optional<Meeting> recognise(int keyframe, const std::vector<PlaceVotes>& likely);
   std::optional<Meeting> meet(int keyframe, const DescribedCorners& seen, const PlaceRef& there);
   bool has_same_scale(int a, int b) const;
@@ -182,6 +185,8 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
   void adapt(int segment, int first_keyframe);
+  void adjust_from(int segment, int first_keyframe, bool to_the_end);
+  std::vector<Rigid3> poses_of(int segment) const;
   void carry_frames(int segment, const std::vector<Rigid3>& before);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);

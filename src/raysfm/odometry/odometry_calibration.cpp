@@ -39,13 +39,23 @@ void Odometry::refine_calibration(int number, bool last) {
 // Map, views and frames of a world as the present calibration has them, from a key frame on.
 void Odometry::adapt(int number, int first_keyframe) {
   SegmentState& s = segments_[number];
-  std::vector<Rigid3> before;
-  for (const MapKeyFrame& k : s.map.keyframes) before.push_back(k.rig_from_world);
   const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
-  mapper_.adapt_to_cameras(first_keyframe, first_keyframe == 0 && is_long, &s.map);
+  adjust_from(number, first_keyframe, first_keyframe == 0 && is_long);
   for (KeyFrameView& view : s.views) renew_rays(rig_, &view);
-  carry_frames(number, before);
   if (first_keyframe == 0) s.calibration = calibration_;
+}
+
+// The key frames of a world from one on, and what hangs on them.
+void Odometry::adjust_from(int number, int first_keyframe, bool to_the_end) {
+  const std::vector<Rigid3> before = poses_of(number);
+  mapper_.adapt_to_cameras(first_keyframe, to_the_end, &segments_[number].map);
+  carry_frames(number, before);
+}
+
+std::vector<Rigid3> Odometry::poses_of(int number) const {
+  std::vector<Rigid3> poses;
+  for (const MapKeyFrame& k : segments_[number].map.keyframes) poses.push_back(k.rig_from_world);
+  return poses;
 }
 
 // Between two key frames, frames follow the change of their relative pose by the part of the way that they

@@ -8,6 +8,7 @@
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/places/loop_closing.h"
 #include "raysfm/places/map_fusion.h"
+#include "raysfm/places/map_measures.h"
 
 namespace raysfm {
 namespace {
@@ -26,7 +27,6 @@ constexpr double kProminent = 5;
 constexpr double kSignificant = -20, kCertain = -40;
 constexpr int kMostRecalled = 5;        // places that a lost view is compared with
 constexpr size_t kRecalledPoints = 30;  // of a place without images, to go on from there
-constexpr double kMetricScale = 0.02;   // standard deviation of a scale that is told
 // What may have drifted on a path: a part of its length, radians, and the logarithm of the scale with every
 // key frame.
 constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.003;
@@ -36,22 +36,6 @@ constexpr double kDisagreement = 2;
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
 // Two places tell the same of two worlds: parts of the distance to the points, radians.
 constexpr double kSameShift = 0.1, kSameTurn = 0.1, kSameScale = 0.2;
-
-double median_distance(const MapKeyFrame& keyframe, const Map& map) {
-  std::vector<double> distances;
-  for (int f = 0; f < keyframe.size(); ++f) {
-    const int t = keyframe.tracks[f];
-    if (t < 0 || !keyframe.inliers[f] || !map.tracks[t].triangulated) continue;
-    distances.push_back((keyframe.rig_from_world * map.tracks[t].position).norm());
-  }
-  return median_of(&distances);
-}
-
-std::vector<Rigid3> poses_of(const Map& map) {
-  std::vector<Rigid3> poses;
-  for (const MapKeyFrame& k : map.keyframes) poses.push_back(k.rig_from_world);
-  return poses;
-}
 
 std::vector<KeyFrameView> joined_views(const JoinedNumbers& numbers, std::vector<KeyFrameView> first,
                                        std::vector<KeyFrameView> second) {
@@ -96,9 +80,11 @@ void Odometry::look_about(int end) {
   if (!options_.loops) return;
   while (segment().looked_about < end) {
     const int keyframe = segment().looked_about++;
-    if (!segment().views[keyframe].view || !is_new_place(keyframe)) continue;
+    if (!segment().views[keyframe].view) continue;
+    const std::vector<int> shared = shared_points(keyframe);
+    if (!is_new_place(keyframe, shared)) continue;
     const size_t before = segment().map.keyframes.size();
-    remember(keyframe);
+    remember(keyframe, shared);
     end += static_cast<int>(segment().map.keyframes.size() - before);  // a world was joined
   }
 }
@@ -117,9 +103,8 @@ std::vector<int> Odometry::shared_points(int keyframe) const {
   return shared;
 }
 
-bool Odometry::is_new_place(int keyframe) const {
+bool Odometry::is_new_place(int keyframe, const std::vector<int>& shared) const {
   const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
-  const std::vector<int> shared = shared_points(keyframe);
   for (int k = 0; k < static_cast<int>(shared.size()); ++k) {
     const bool is_place = !keyframes[k].described.empty() || k == segment().newest_place;
     if (is_place && shared[k] > kSharedWithPlace * shared[keyframe]) return false;
@@ -127,13 +112,13 @@ bool Odometry::is_new_place(int keyframe) const {
   return true;
 }
 
-void Odometry::remember(int keyframe) {
+// `shared`: its shared_points().
+void Odometry::remember(int keyframe, const std::vector<int>& shared) {
   SegmentState& s = segment();
   MapKeyFrame& k = s.map.keyframes[keyframe];
   describe_keyframe(s.map, *s.views[keyframe].view, describer_, &k);
   if (k.descriptors.size() < kLeastDescribed) return;
   std::vector<uint8_t> is_known;
-  const std::vector<int> shared = shared_points(keyframe);
   for (const PlaceRef& place : places_) {
     const bool here = place.segment == active_;
     // The local map has what is near in time, and tracks tie together what was seen without a gap.
@@ -203,7 +188,7 @@ std::optional<Odometry::Meeting> Odometry::meet(int keyframe, const DescribedCor
 
 bool Odometry::has_same_scale(int a, int b) const {
   const double sigma = std::max(segments_[a].map.scale_sigma, segments_[b].map.scale_sigma);
-  return !rig_.central() && sigma < kMetricScale;
+  return !rig_.central() && sigma < kMetricSigma;
 }
 
 // Whether the path between may have drifted so far.
@@ -271,7 +256,7 @@ void Odometry::close(const Meeting& meeting) {
                         moved.translation.norm() / median_distance(here, map)};
   const bool bent = disagreement(meeting) > kDisagreement;
   if (bent) {
-    const std::vector<Rigid3> before = poses_of(map);
+    const std::vector<Rigid3> before = poses_of(active_);
     const Similarity3 there_from_here = similarity_of(there.rig_from_world) *
                                         meeting.relation.there_from_here *
                                         inverse(similarity_of(here.rig_from_world));
@@ -296,9 +281,7 @@ void Odometry::close(const Meeting& meeting) {
 
 // The active world after what was brought together in it, in a few steps; the rest is done at the end.
 void Odometry::adjust_all() {
-  const std::vector<Rigid3> before = poses_of(segment().map);
-  mapper_.adapt_to_cameras(0, false, &segment().map);
-  carry_frames(active_, before);
+  adjust_from(active_, 0, false);
   all_has_moved();
 }
 

@@ -9,8 +9,6 @@
 namespace raysfm {
 namespace {
 
-constexpr double kMetric = 0.02;  // standard deviation of the scale below which it is called metric
-
 // A vector that grows by itself would take three times the memory.
 void reserve_for(const std::vector<Map>& maps, Reconstruction* out) {
   size_t observations = 0, points = 0;
@@ -124,7 +122,7 @@ double Odometry::assemble_map(int number, Map map, Reconstruction* out) const {
 }
 
 Segment Odometry::summary_of(int number, double scale_sigma) const {
-  Segment segment{-1, -1, segments_[number].end_reason, scale_sigma < kMetric, {}};
+  Segment segment{-1, -1, segments_[number].end_reason, scale_sigma < kMetricSigma, {}};
   if (std::isfinite(scale_sigma)) segment.scale_sigma = scale_sigma;
   for (size_t i = 0; i < frames_.size(); ++i) {
     if (frames_[i].segment != number) continue;

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "raysfm/core/median.h"
+#include "raysfm/places/map_measures.h"
 #include "raysfm/places/pose_graph.h"
 
 namespace raysfm {
@@ -17,25 +17,9 @@ constexpr size_t kMostOlder = 4;  // key frames, beside the one before, that eac
 // little.
 constexpr double kSigma = 0.01, kGapSigma = 1;
 
-// Points that each older key frame shares with one.
-void count_shared(const Map& map, int keyframe, std::vector<int>* shared) {
-  shared->assign(keyframe, 0);
-  for (const int t : map.keyframes[keyframe].tracks) {
-    if (t < 0 || !map.tracks[t].triangulated) continue;
-    for (const TrackObservation& o : map.tracks[t].observations) {
-      if (o.keyframe < keyframe) ++(*shared)[o.keyframe];
-    }
-  }
-}
-
-double distance_to_points(const Map& map, const MapKeyFrame& keyframe) {
-  std::vector<double> distances;
-  for (int f = 0; f < keyframe.size(); ++f) {
-    const int t = keyframe.tracks[f];
-    if (t < 0 || !keyframe.inliers[f] || !map.tracks[t].triangulated) continue;
-    distances.push_back((keyframe.rig_from_world * map.tracks[t].position).norm());
-  }
-  return distances.empty() ? 1 : median_of(&distances);
+double distance_to_points(const Map& map, int keyframe) {
+  const double distance = median_distance(map.keyframes[keyframe], map);
+  return distance > 0 ? distance : 1;
 }
 
 GraphEdge edge(int from, int to, const Similarity3& to_from_from, double sigma, double distance) {
@@ -48,19 +32,19 @@ GraphEdge edge_as_it_is(const Map& map, int from, int to, double sigma, double d
 }
 
 // What holds a key frame to older ones.
-void add_edges(const Map& map, int keyframe, std::vector<int>* shared, std::vector<GraphEdge>* edges) {
-  count_shared(map, keyframe, shared);
-  const double distance = distance_to_points(map, map.keyframes[keyframe]);
+void add_edges(const Map& map, int keyframe, std::vector<GraphEdge>* edges) {
+  const std::vector<int> shared = shared_observations(map, keyframe);
+  const double distance = distance_to_points(map, keyframe);
   std::vector<std::pair<int, int>> older;  // (minus points, key frame)
   for (int k = 0; k < keyframe - 1; ++k) {
-    if ((*shared)[k] >= kLeastShared) older.push_back({-(*shared)[k], k});
+    if (shared[k] >= kLeastShared) older.push_back({-shared[k], k});
   }
   std::ranges::sort(older);
   older.resize(std::min(older.size(), kMostOlder));
   for (const auto& [points, k] : older) {
     edges->push_back(edge_as_it_is(map, k, keyframe, kSigma, distance));
   }
-  const bool follows = (*shared)[keyframe - 1] > 0;
+  const bool follows = shared[keyframe - 1] > 0;
   if (follows || older.empty()) {
     edges->push_back(edge_as_it_is(map, keyframe - 1, keyframe, follows ? kSigma : kGapSigma, distance));
   }
@@ -72,14 +56,13 @@ void close_loop(const LoopClosure& loop, bool scale_is_known, Map* map) {
   std::vector<Similarity3> before, now;
   std::vector<uint8_t> is_free;
   std::vector<GraphEdge> edges;
-  std::vector<int> shared;
   for (int k = 0; k < static_cast<int>(map->keyframes.size()); ++k) {
     before.push_back(similarity_of(map->keyframes[k].rig_from_world));
     is_free.push_back(k > 0);
-    if (k > 0) add_edges(*map, k, &shared, &edges);
+    if (k > 0) add_edges(*map, k, &edges);
   }
-  edges.push_back(edge(loop.here, loop.there, loop.there_from_here, kSigma,
-                       distance_to_points(*map, map->keyframes[loop.there])));
+  edges.push_back(
+      edge(loop.here, loop.there, loop.there_from_here, kSigma, distance_to_points(*map, loop.there)));
   now = before;
   adjust_graph(now, is_free, edges, {.scale_is_known = scale_is_known});
   for (Track& t : map->tracks) {

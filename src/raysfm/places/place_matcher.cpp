@@ -5,6 +5,8 @@
 #include <numbers>
 #include <set>
 
+#include "raysfm/places/map_measures.h"
+
 namespace raysfm {
 namespace {
 
@@ -31,11 +33,7 @@ struct PerCamera {
 // Key frames with descriptors that share most points with one, that one first.
 std::vector<int> described_about(const Map& map, int keyframe) {
   std::vector<std::pair<int, int>> shared;  // (minus points, key frame)
-  std::vector<int> count(map.keyframes.size(), 0);
-  for (const int t : map.keyframes[keyframe].tracks) {
-    if (t < 0 || !map.tracks[t].triangulated) continue;
-    for (const TrackObservation& o : map.tracks[t].observations) ++count[o.keyframe];
-  }
+  const std::vector<int> count = shared_observations(map, keyframe);
   for (int k = 0; k < static_cast<int>(count.size()); ++k) {
     if (k != keyframe && count[k] > 0 && !map.keyframes[k].described.empty())
       shared.push_back({-count[k], k});
