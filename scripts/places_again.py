@@ -3,6 +3,7 @@ was closed that is none. For scripts/results."""
 import json
 import math
 import pathlib
+import re
 import statistics
 import subprocess
 import sys
@@ -38,13 +39,36 @@ def read_trajectory(path):
     return poses
 
 
-def seen_from(a, b):
-    """Where the pose b is in the frame of the pose a."""
-    (x, y, z, w), d = a[1], [q - p for p, q in zip(a[0], b[0])]
-    x, y, z = -x, -y, -z  # the rotation back
+def rotated(quaternion, d):
+    x, y, z, w = quaternion
     t = [2 * (y * d[2] - z * d[1]), 2 * (z * d[0] - x * d[2]), 2 * (x * d[1] - y * d[0])]
     return [d[0] + w * t[0] + y * t[2] - z * t[1], d[1] + w * t[1] + z * t[0] - x * t[2],
             d[2] + w * t[2] + x * t[1] - y * t[0]]
+
+
+def seen_from(a, b):
+    """Where the pose b is in the frame of the pose a."""
+    x, y, z, w = a[1]
+    return rotated((-x, -y, -z, w), [q - p for p, q in zip(a[0], b[0])])
+
+
+def turn_of_camera(folder):
+    """The rotation of the only camera in its rig: poses of a single camera are its own. No rotation for a rig of several."""
+    text = (folder / "camera.yaml").read_text()
+    turns = re.findall(r"rig_from_cam: \{rotation: \[([^\]]*)\]", text)
+    if text.count("name:") != 1 or not turns:
+        return (0, 0, 0, 1)
+    return tuple(float(number) for number in turns[0].split(","))
+
+
+def in_rig(poses, turn):
+    """The same poses with the rotations of the rig."""
+    def times(p, q):
+        (x, y, z, w), (a, b, c, d) = p, q
+        return (w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a, w * c + x * b - y * a + z * d,
+                w * d - x * a - y * b - z * c)
+    back = (-turn[0], -turn[1], -turn[2], turn[3])
+    return {time: (place, times(rotation, back)) for time, (place, rotation) in poses.items()}
 
 
 def apart(estimate, truth, scale, a, b):
@@ -88,7 +112,8 @@ def track(program, folder, loops):
 def measure(program, folder, out):
     """What a result says beside the truth of its film."""
     found = json.loads(run([program, "eval", out, folder / "truth.txt", "--align", "sim3", "--json"]).stdout)
-    estimate, truth = read_trajectory(out / "trajectory.txt"), read_trajectory(folder / "truth.txt")
+    estimate = in_rig(read_trajectory(out / "trajectory.txt"), turn_of_camera(folder))
+    truth = read_trajectory(folder / "truth.txt")
     result = {"report": json.loads((out / "report.json").read_text()), "ate": found["ate"]["rmse"],
               "gap": gap(estimate, truth, found["scale"])}
     times = sorted(truth)
