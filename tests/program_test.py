@@ -81,7 +81,7 @@ class Synth(ProgramTest):
     def test_list(self):
         done = run("synth", "--list")
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        for word in ("street", "room", "corridor", "town", "board", "drive", "loop", "handheld", "orbit", "rotate"):
+        for word in ("street", "terrace", "room", "corridor", "town", "board", "drive", "loop", "handheld", "orbit", "rotate"):
             self.assertIn(word, done.stdout)
 
     def test_layout(self):

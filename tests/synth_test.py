@@ -91,7 +91,7 @@ class Rigs(ProgramTest):
         self.refused("synth", *options, bad, "--out", self.folder / "bad", says=["camera b", "roi"])
 
     def test_bad_numbers(self):
-        for option, value in [("--rolling-shutter", -1), ("--frames", -2), ("--fps", -1), ("--samples", 3), ("--zoom", 100)]:
+        for option, value in [("--rolling-shutter", -1), ("--frames", -2), ("--fps", -1), ("--samples", 3), ("--zoom", 100), ("--rounds", 0)]:
             self.refused("synth", "room", option, value, "--out", self.folder / "out", says=[option.strip("-"), value])
         self.refused("synth", "room", "--motion", "straight", "--length", 9, "--out", self.folder / "out", says=["length", "3.2"])
 

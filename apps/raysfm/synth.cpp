@@ -51,6 +51,7 @@ std::vector<SettingField> setting_fields(Arguments& a) {
        &o.length,
        {}},
       {"zoom", "factor by which the focal length grows over the sequence; writes lens.csv", &o.zoom, {}},
+      {"rounds", "how often motion loop goes round its circuit", &o.rounds, {}},
       {"noise", "standard deviation of the noise, grey levels", &o.render.noise, {}},
       {"blur", "seconds the shutter stays open", &o.render.shutter, {}},
       {"rolling-shutter", "seconds from the first row of an image to the last", &o.render.readout, {}},

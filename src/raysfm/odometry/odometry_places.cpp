@@ -33,6 +33,9 @@ constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kSca
 // Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
 // are only brought together.
 constexpr double kDisagreement = 2;
+// Key frames of a map that is adjusted as soon as a loop is closed. A larger one would hold up the frame for
+// seconds: the graph has spread its drift, and the rest waits for the end.
+constexpr size_t kAdjustedAtOnce = 200;
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
 // Two places tell the same of two worlds: parts of the distance to the points, radians.
 constexpr double kSameShift = 0.1, kSameTurn = 0.1, kSameScale = 0.2;
@@ -265,7 +268,7 @@ void Odometry::close(const Meeting& meeting) {
     carry_frames(active_, before);
   }
   fuse(meeting.relation.points);
-  if (bent) {
+  if (bent && map.keyframes.size() <= kAdjustedAtOnce) {
     adjust_all();
   } else {
     all_has_moved();

@@ -5,6 +5,8 @@
 #include <bit>
 #include <limits>
 
+#include "raysfm/places/near_signatures.h"
+
 namespace raysfm {
 namespace {
 
@@ -24,6 +26,17 @@ constexpr int kParts = 4, kPartBits = 15;
 constexpr int kMostBitsApart = 20;
 constexpr size_t kBuckets = size_t{1} << kPartBits;
 
+// With many places, fewer of the descriptors say which it is: chance gives each place fewer votes. Of views
+// between two places that are ten frames apart, 98.3 % have one of them among the best three of 5,000 by 600
+// or by 300 descriptors, 95.6 % by 150, 87 % by 100.
+constexpr int kAskedInFull = 1000;  // places
+constexpr size_t kLeastAsked = 150;
+
+size_t count_to_ask(size_t descriptors, int places) {
+  const size_t fewer = descriptors * kAskedInFull / std::max(places, kAskedInFull);
+  return std::min(descriptors, std::max(fewer, kLeastAsked));
+}
+
 uint64_t signature(const Descriptor& d) {
   uint64_t bits = 0;
   for (const uint8_t test : kTests) bits = bits << 1 | (d.bits[test / 64] >> (63 - test % 64) & 1);
@@ -34,8 +47,10 @@ size_t bucket_of(uint64_t signature, int part) {
   return part * kBuckets + (signature >> (16 * part) & (kBuckets - 1));
 }
 
+}  // namespace
+
 // The two places that have the nearest signatures.
-struct TwoNearest {
+struct PlaceIndex::TwoNearest {
   static constexpr int kFar = std::numeric_limits<int>::max();
   int place[2] = {-1, -1}, distance[2] = {kFar, kFar};
 
@@ -50,15 +65,31 @@ struct TwoNearest {
   }
 };
 
-}  // namespace
+void PlaceIndex::Bucket::offer_near(uint64_t signature, std::span<const uint8_t> is_skipped,
+                                    TwoNearest* nearest) const {
+  constexpr size_t kAtOnce = 64;  // what is found in one stretch makes the next one shorter work
+  uint32_t found[kAtOnce];
+  for (size_t begin = 0; begin < signatures.size(); begin += kAtOnce) {
+    const uint64_t* stretch = signatures.data() + begin;
+    const int most = std::min(kMostBitsApart, nearest->distance[1] - 1);
+    const size_t count =
+        find_near_signatures(signature, stretch, std::min(kAtOnce, signatures.size() - begin), most, found);
+    for (size_t i = 0; i < count; ++i) {
+      const uint32_t place = places[begin + found[i]];
+      if (!is_skipped[place])
+        nearest->offer(static_cast<int>(place), std::popcount(signature ^ stretch[found[i]]));
+    }
+  }
+}
 
 int PlaceIndex::add(std::span<const Descriptor> descriptors) {
   buckets_.resize(kParts * kBuckets);
   for (const Descriptor& d : descriptors) {
     const uint64_t bits = signature(d);
     for (int part = 0; part < kParts; ++part) {
-      buckets_[bucket_of(bits, part)].push_back(
-          {static_cast<uint32_t>(size_), static_cast<uint32_t>(bits), static_cast<uint32_t>(bits >> 32)});
+      Bucket& bucket = buckets_[bucket_of(bits, part)];
+      bucket.signatures.push_back(bits);
+      bucket.places.push_back(static_cast<uint32_t>(size_));
     }
   }
   return size_++;
@@ -71,16 +102,12 @@ std::vector<PlaceVotes> PlaceIndex::search(std::span<const Descriptor> descripto
   is_skipped.resize(size_, 0);
   std::vector<PlaceVotes> places(size_);
   int total = 0;
-  for (const Descriptor& d : descriptors) {
-    const uint64_t bits = signature(d);
+  const size_t to_ask = count_to_ask(descriptors.size(), size_);
+  for (size_t i = 0; i < to_ask; ++i) {
+    const uint64_t bits = signature(descriptors[i * descriptors.size() / to_ask]);
     TwoNearest nearest;
-    for (int part = 0; part < kParts; ++part) {
-      for (const Entry& e : buckets_[bucket_of(bits, part)]) {
-        const int distance = std::popcount(bits ^ (uint64_t{e.high} << 32 | e.low));
-        if (distance <= kMostBitsApart && !is_skipped[e.place])
-          nearest.offer(static_cast<int>(e.place), distance);
-      }
-    }
+    for (int part = 0; part < kParts; ++part)
+      buckets_[bucket_of(bits, part)].offer_near(bits, is_skipped, &nearest);
     for (const int place : nearest.place) {
       if (place < 0) continue;
       ++places[place].votes;

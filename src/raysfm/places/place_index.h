@@ -26,17 +26,23 @@ class PlaceIndex {
   int size() const { return size_; }
 
   // Every descriptor votes for the two places that have the ones most like it, of those that are not to be
-  // skipped (1; by place, shorter: none of the rest). The `most` places with most votes, best first, the
+  // skipped (1; by place, shorter: none of the rest). Of more than 1000 places, not all descriptors are asked
+  // for. The `most` places with most votes, best first, the
   // lower number first where votes are equal.
   std::vector<PlaceVotes> search(std::span<const Descriptor> descriptors, std::span<const uint8_t> skip,
                                  int most) const;
 
  private:
-  struct Entry {
-    uint32_t place;
-    uint32_t low, high;  // the 64 bits
+  struct TwoNearest;
+  // What was filed under one value of a quarter.
+  struct Bucket {
+    std::vector<uint64_t> signatures;  // the 64 bits
+    std::vector<uint32_t> places;
+
+    // Offers the places of the signatures that are near one.
+    void offer_near(uint64_t signature, std::span<const uint8_t> is_skipped, TwoNearest* nearest) const;
   };
-  std::vector<std::vector<Entry>> buckets_;  // of one quarter after another
+  std::vector<Bucket> buckets_;  // of one quarter after another
   int size_ = 0;
 };
 

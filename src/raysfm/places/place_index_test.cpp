@@ -60,6 +60,27 @@ TEST(PlaceIndex, FindsAPlaceOfWhichAnEighthOfTheBitsChanged) {
   }
 }
 
+// Of very many places it is told by a part of the descriptors, from all over the list.
+TEST(PlaceIndex, AsksForFewerOfManyPlaces) {
+  ManyPlaces many(4000, 20);
+  std::vector<Descriptor> asked;
+  for (int place = 0; place < 3; ++place) {
+    const std::vector<Descriptor> all = random_descriptors(200, many.rng);
+    many.index.add(all);
+    const auto votes = many.index.search(seen_again(all, 0.02, many.rng), {}, 1);
+    ASSERT_EQ(votes.size(), 1u);
+    EXPECT_EQ(votes[0].place, many.index.size() - 1) << place;
+    EXPECT_GT(votes[0].votes, 140);
+    EXPECT_LE(votes[0].votes, 150);
+    asked.insert(asked.end(), all.begin(), all.end());
+  }
+  // Three places that are asked for together have about as many votes each.
+  for (const PlaceVotes& v : many.index.search(asked, {}, 3)) {
+    EXPECT_GE(v.place, 4000);
+    EXPECT_NEAR(v.votes, 50, 10);
+  }
+}
+
 TEST(PlaceIndex, PlacesToBeSkippedGetNoVotes) {
   ManyPlaces many(20);
   // Descriptors of two places.

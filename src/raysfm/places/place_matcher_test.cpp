@@ -6,6 +6,7 @@
 #include <set>
 
 #include "raysfm/core/random.h"
+#include "raysfm/places/world_relation.h"
 #include "support/described_map.h"
 
 namespace raysfm {
@@ -135,6 +136,25 @@ TEST_F(PlaceMatcherTest, TracksWithoutAPositionAreLeftOut) {
   for (const CornerOfTrack& m : place->matches) EXPECT_EQ(m.track % 2, 1);
   for (int& track : truth_.map.keyframes[1].tracks) track = -1;
   EXPECT_FALSE(recognise(seen));
+}
+
+// Corners that say that the camera is here, and others that say that it is there: a place that repeats
+// itself.
+TEST_F(PlaceMatcherTest, NothingIsKnownWhereAnotherPoseExplainsNearlyAsMuch) {
+  const DescribedCorners seen = described_corners(truth_.map.keyframes[1]);
+  const Rigid3 there = true_pose(truth_.rig, 2) * truth_.map.keyframes[0].rig_from_world.inverse() *
+                       truth_.map.keyframes[1].rig_from_world;
+  for (const int every : {2, 20}) {
+    DescribedCorners both = seen;
+    for (size_t i = 0; i < both.corners.size(); i += every) {
+      TrackPixel& corner = both.corners[i];
+      Eigen::Vector2d pixel;
+      const Eigen::Vector3d point =
+          truth_.rig.cam_from_rig(corner.camera) * (there * truth_.map.tracks[corner.track].position);
+      if (truth_.rig.find(corner.camera, point, &pixel)) corner.pixel = pixel.cast<float>();
+    }
+    EXPECT_EQ(recognise(both).has_value(), every == 20) << every;
+  }
 }
 
 TEST_F(PlaceMatcherTest, NothingIsKnownOfNothing) {

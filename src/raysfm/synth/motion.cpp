@@ -171,7 +171,7 @@ const std::vector<MotionInfo>& motion_list() {
       {"walk", "the same on foot: swaying with each step, looking about a little"},
       {"look", "the same, turning far to all sides; gives scale to a rig without common view"},
       {"straight", "a straight line without any rotation; gives no scale to a rig without common view"},
-      {"loop", "once round a closed circuit, looking ahead"},
+      {"loop", "round a closed circuit, looking ahead; how often, --rounds says"},
       {"handheld", "about one place, like someone who shows a room"},
       {"orbit", "round the centre of the world, looking at it"},
       {"dolly", "the same, going away as the lens zooms in, so that the centre keeps its size"},
@@ -202,7 +202,7 @@ Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionO
   }
   if (name == "loop") {
     Curve circuit(stage.circuit, true);
-    const double rate = circuit.period() / options.duration;
+    const double rate = options.rounds * circuit.period() / options.duration;
     return follow(circuit, rate, options.seed);
   }
   if (name == "handheld") return handheld(stage, options.seed);

@@ -175,10 +175,31 @@ TEST(Motion, TownGoesOutAndComesBack) {
 }
 
 TEST(Motion, LoopCloses) {
-  for (const char* name : {"street", "room", "corridor"}) {
+  for (const char* name : {"street", "room", "corridor", "town", "terrace"}) {
     const Motion motion = motion_in(world_of(name), "loop", 30);
     EXPECT_LT((motion(30).translation - motion(0).translation).norm(), 0.1) << name;
     EXPECT_GT((motion(15).translation - motion(0).translation).norm(), 1.0) << name;
+  }
+}
+
+TEST(Motion, LoopGoesRoundAsOftenAsTold) {
+  for (const char* name : {"room", "town", "terrace"}) {
+    const World& world = world_of(name);
+    const double duration = 200;
+    const auto loop = [&](double rounds) {
+      return *make_motion(world.stage, world.habit, {"loop", duration, 1, 3, 1, rounds});
+    };
+    const Motion once = loop(1), often = loop(2.5);
+    double fastest = 0, slowest = 1e9;
+    for (double t = 0; t < duration / 2.5; t += 0.5) {
+      EXPECT_LT((often(t).translation - once(2.5 * t).translation).norm(), 0.1) << name;
+      EXPECT_LT((often(t).translation - often(t + duration / 2.5).translation).norm(), 0.1) << name;
+      const double step = (once(t + 0.5).translation - once(t).translation).norm();
+      fastest = std::max(fastest, step), slowest = std::min(slowest, step);
+    }
+    if (name[0] == 't') {
+      EXPECT_LT(fastest, 1.25 * slowest) << name;  // the room's circuit slows down in its corners
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -86,6 +87,34 @@ TEST(Scene, EmptyWorldIsSeenAsNothing) {
   EXPECT_EQ(trace_one(Scene(world, 0, Vector3d::Zero()), Vector3d::Zero(), Vector3d::UnitZ()).surface, -1);
 }
 
+TEST(Terrace, EverythingIsThereAgainTenMetresOn) {
+  ThreadPool pool(1);
+  const Result<World> world = make_world("terrace", {}, pool);
+  ASSERT_TRUE(world);
+  const auto there = [](const Vector3d& place) -> Vector3d { return place + Vector3d(0, 0, 10); };
+  const auto alike = [](const Finish& a, const Finish& b) {
+    return a.texture == b.texture && a.period == b.period && (a.tint == b.tint).all() &&
+           a.shift_u == b.shift_u && a.shift_v == b.shift_v;
+  };
+  int looked_at = 0;
+  for (const Quad& q : world->quads) {
+    if (q.corner.z() < 0 || q.corner.z() > 10) continue;
+    ++looked_at;
+    EXPECT_TRUE(std::ranges::any_of(world->quads, [&](const Quad& o) {
+      return (o.corner - there(q.corner)).norm() < 1e-9 && o.right == q.right && o.width == q.width &&
+             o.height == q.height && alike(o.finish, q.finish);
+    }));
+  }
+  EXPECT_GT(looked_at, 100);
+  for (const Ellipsoid& e : world->ellipsoids) {
+    if (e.centre.z() < 0 || e.centre.z() > 10) continue;
+    EXPECT_TRUE(std::ranges::any_of(world->ellipsoids, [&](const Ellipsoid& o) {
+      return (o.centre - there(e.centre)).norm() < 1e-9 && alike(o.finish, e.finish);
+    }));
+  }
+  EXPECT_TRUE(world->walkers.empty());
+}
+
 class SceneOfWorld : public testing::TestWithParam<const char*> {};
 
 TEST_P(SceneOfWorld, NearestSurfaceIsThatOfExhaustiveSearch) {
@@ -117,7 +146,8 @@ TEST_P(SceneOfWorld, NearestSurfaceIsThatOfExhaustiveSearch) {
   EXPECT_LE(disagreements, 2) << "more than rounding at the rims of surfaces explains";
 }
 
-INSTANTIATE_TEST_SUITE_P(Worlds, SceneOfWorld, testing::Values("street", "room", "corridor", "board"));
+INSTANTIATE_TEST_SUITE_P(Worlds, SceneOfWorld,
+                         testing::Values("street", "terrace", "room", "corridor", "board"));
 
 }  // namespace
 }  // namespace raysfm::synth

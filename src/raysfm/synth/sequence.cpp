@@ -30,6 +30,7 @@ Result<void> check(const SequenceOptions& o) {
   }
   if (!within(o.render.shutter, 0, 10)) return refused("blur", o.render.shutter, "0 to 10 seconds are");
   if (!within(o.zoom, 0.1, 10)) return refused("zoom", o.zoom, "0.1 to 10 are");
+  if (!(o.rounds > 0 && o.rounds <= 100)) return refused("rounds", o.rounds, "numbers above 0 up to 100 are");
   return {};
 }
 
@@ -67,8 +68,9 @@ void fill_in(SequenceOptions& o, const World& world, double usual_length) {
                                  ? kWalkingSpeed
                                  : usual_length * habit.fps / habit.frames;  // metres per second
   if (o.frames == 0) {
+    const double rounds = o.motion == "loop" ? o.rounds : 1;
     const double seconds =
-        o.length > 0 && has_length(o.motion) ? o.length / usual_speed : habit.frames / habit.fps;
+        o.length > 0 && has_length(o.motion) ? o.length / usual_speed : rounds * habit.frames / habit.fps;
     o.frames = std::max(1, static_cast<int>(std::lround(std::min(seconds * o.fps, 1e6))));
   }
   const double most = o.motion == "straight" ? world.stage.straight_length : world.length;
@@ -94,8 +96,9 @@ Result<std::unique_ptr<Sequence>> Sequence::create(SequenceOptions options, cons
   if (!world) return world.error();
   fill_in(options, *world, usual_length(options.world));
   options.render.seed = options.seed;
-  const MotionOptions motion_options{options.motion, options.frames / options.fps, options.length,
-                                     options.seed, options.zoom};
+  const MotionOptions motion_options{options.motion, options.frames / options.fps,
+                                     options.length, options.seed,
+                                     options.zoom,   options.rounds};
   Result<Motion> motion = make_motion(world->stage, world->habit, motion_options);
   if (!motion) return motion.error();
 

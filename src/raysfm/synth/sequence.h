@@ -18,6 +18,7 @@ struct SequenceOptions {
   double fps = 0;     // Hz, at most 10000
   double length = 0;  // metres of drive, walk, look and straight; else they go at their usual speed
   double zoom = 1;    // the focal length grows by this factor from the first frame to the last; [0.1, 10]
+  double rounds = 1;  // of loop; above 0, at most 100
   uint64_t seed = 0;
   RenderOptions render;  // its seed is replaced by the one above
 };

@@ -52,6 +52,7 @@ void build_facades(Builder& b, const Eigen::Vector2d& from, const Eigen::Vector2
 // Each fills stage and habit too. `length`: of `drive`.
 World build_street(Builder b, double length);
 World build_town(Builder b, double length);
+World build_terrace(Builder b, double length);
 World build_room(Builder b);
 World build_corridor(Builder b, double length);
 World build_board(Builder b);

@@ -20,6 +20,7 @@ const std::vector<WorldInfo>& world_list() {
   static const std::vector<WorldInfo> worlds = {
       {"street", "house fronts on both sides, people walking in front of the camera", 70},
       {"town", "a street out and back, with a half-turn round a monument", 500},
+      {"terrace", "a street whose fronts and all that stands before them repeat every 10 m", 60},
       {"room", "a furnished room", 15},
       {"corridor", "passages round a block, doors and pillars", 40},
       {"board", "two checkerboards at a right angle", 1},
@@ -48,6 +49,7 @@ Result<World> make_world(std::string_view name, const WorldOptions& options, Thr
   Builder builder(std::string(name), options.seed, pool);
   World world = name == "street"     ? build_street(std::move(builder), length)
                 : name == "town"     ? build_town(std::move(builder), length)
+                : name == "terrace"  ? build_terrace(std::move(builder), length)
                 : name == "room"     ? build_room(std::move(builder))
                 : name == "corridor" ? build_corridor(std::move(builder), length)
                                      : build_board(std::move(builder));

@@ -140,6 +140,48 @@ std::vector<Vector3d> evenly(const std::vector<Vector3d>& line, double spacing) 
   return points;
 }
 
+// A turn to the left about a point of the street.
+struct Turn {
+  double z, radius;  // metres
+};
+
+// Out on the right from 0 to z1, round the far circle, back on the left, round the near one: closed, with
+// points at even distances of about `spacing`.
+std::vector<Vector3d> there_and_back(double z1, double lane, const Turn& far, const Turn& near,
+                                     double spacing) {
+  std::vector<Vector3d> line = {{lane, -kEye, 0}, {lane, -kEye, z1}};
+  const auto turn = [&](const Turn& t, int from_degrees) {
+    for (int degrees = from_degrees; degrees <= from_degrees + 280; degrees += 10) {
+      const double a = degrees * kPi / 180;
+      line.emplace_back(t.radius * std::cos(a), -kEye, t.z + t.radius * std::sin(a));
+    }
+  };
+  turn(far, -50);
+  line.insert(line.end(), {{-lane, -kEye, z1}, {-lane, -kEye, 0}});
+  turn(near, 130);
+  line.push_back(line.front());
+  double length = 0;
+  for (size_t i = 1; i < line.size(); ++i) length += (line[i] - line[i - 1]).norm();
+  const double steps = std::round(length / spacing);
+  std::vector<Vector3d> points = evenly(line, length / steps);
+  points.resize(static_cast<size_t>(steps));  // the first one follows the last
+  return points;
+}
+
+// Copies of all that is there, every `period` metres along z.
+void repeat(Builder& b, double period, int copies) {
+  World& w = b.world();
+  const size_t quads = w.quads.size(), ellipsoids = w.ellipsoids.size();
+  for (int i = 1; i <= copies; ++i) {
+    const Vector3d away(0, 0, period * i);
+    for (size_t k = 0; k < quads; ++k) w.quads.push_back(w.quads[k]), w.quads.back().corner += away;
+    for (size_t k = 0; k < ellipsoids; ++k) {
+      w.ellipsoids.push_back(w.ellipsoids[k]);
+      w.ellipsoids.back().centre += away;
+    }
+  }
+}
+
 }  // namespace
 
 World build_street(Builder b, double length) {
@@ -211,12 +253,40 @@ World build_town(Builder b, double length) {
   s.way = evenly(line, s.spacing);
   s.straight_from = line.front();
   s.straight_length = z1;
-  s.circuit = stadium(0, z1 - 3, kLane, s.spacing);
+  s.circuit = there_and_back(z1, kLane, {centre, kTurn}, {-5, 3.5}, s.spacing);
   s.eye = {0, -kEye, 3};
   s.centre = {0, -2.2, centre};
   s.orbit_radius = 8;
   s.orbit_height = -0.6;
   w.habit = {"drive", 1500, 7.5};
+  return b.finish_world();
+}
+
+World build_terrace(Builder b, double length) {
+  constexpr double kPeriod = 10, kLane = 1.5, kTurn = 3.5;
+  const int periods = static_cast<int>(std::ceil((length + 40) / kPeriod));
+  const double z0 = -2 * kPeriod, z1 = z0 + periods * kPeriod;
+  build_road(b, z0, z0 + kPeriod);
+  build_facades(b, {-kHalfStreet, z0}, {-kHalfStreet, z0 + kPeriod});
+  build_facades(b, {kHalfStreet, z0 + kPeriod}, {kHalfStreet, z0});
+  furnish_street(b, z0, z0 + kPeriod);
+  repeat(b, kPeriod, periods - 1);
+  build_facades(b, {-kHalfStreet - 1, z1}, {kHalfStreet + 1, z1});
+  build_facades(b, {kHalfStreet + 1, z0}, {-kHalfStreet - 1, z0});
+
+  World& w = b.world();
+  w.open_air = true;
+  Stage& s = w.stage;
+  s.spacing = 2;
+  for (double z = 0; z <= length + 2.5 * s.spacing; z += s.spacing) s.way.emplace_back(0, -kEye, z);
+  s.straight_from = s.way.front();
+  s.straight_length = length;
+  s.circuit = there_and_back(length, kLane, {length + 5, kTurn}, {-5, kTurn}, s.spacing);
+  s.eye = {0, -kEye, 3};
+  s.centre = {0, -1.9, 0.5 * length};
+  s.orbit_radius = 2.0;
+  s.orbit_height = 0.2;
+  w.habit = {"drive", 400, 7.5};
   return b.finish_world();
 }
 
