@@ -95,7 +95,7 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       maker_(maker),
       localiser_(rig_, options_),
       mapper_(rig_, options_),
-      place_matcher_(rig_),
+      places_(rig_, options_.seed),
       refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior) {
   starter_.emplace(rig_, options_);
 }

@@ -12,9 +12,7 @@
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/starter.h"
-#include "raysfm/places/place_index.h"
-#include "raysfm/places/place_matcher.h"
-#include "raysfm/places/world_relation.h"
+#include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/views/view_maker.h"
 
@@ -104,17 +102,6 @@ class Odometry {
     bool closed = false;         // parts of its map were brought together since all of it was adjusted
     int joined_into = -1;        // another one has all of it
   };
-  // A place that can be recognised.
-  struct PlaceRef {
-    int segment = 0;
-    int keyframe = 0;
-  };
-  // A place seen again from the newest key frames.
-  struct Meeting {
-    PlaceRef here, there;
-    RecognisedPlace place;
-    WorldRelation relation;
-  };
   // The newest posed view: where the next prediction starts, and the next key frame.
   struct Previous {
     ViewPtr view;
@@ -159,19 +146,12 @@ class Odometry {
   void resume(const ViewPtr& view, int keyframe, Localisation pose);
   // odometry_places.cpp:
   void look_about(int end);
-  std::vector<int> shared_points(int keyframe) const;
+  std::vector<Map*> maps();
   bool is_new_place(int keyframe) const;
   void remember(int keyframe);
-  std::optional<Meeting> recognise(int keyframe, const std::vector<PlaceVotes>& likely);
-  std::optional<Meeting> meet(int keyframe, const DescribedCorners& seen, const PlaceRef& there);
-  bool has_same_scale(int a, int b) const;
-  bool is_plausible(const Meeting& meeting) const;
-  bool is_confirmed(const Meeting& meeting);
-  double disagreement(const Meeting& meeting) const;
   void close(const Meeting& meeting);
-  void join(Meeting meeting);
+  void join(const Meeting& meeting);
   void fuse(const std::vector<SamePoint>& points);
-  Similarity3 agree_on_scale(int first, int second, Similarity3 first_from_second);
   void renumber(int segment, int into, const std::vector<int>& keyframes, int first_track);
   void adjust_all();
   void all_has_moved();
@@ -206,10 +186,7 @@ class Odometry {
   Localiser localiser_;
   Mapper mapper_;
   Describer describer_;
-  PlaceMatcher place_matcher_;
-  PlaceIndex place_index_;
-  std::vector<PlaceRef> places_;    // by their number in the index
-  std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
+  PlaceMemory places_;
   std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
   std::optional<Starter> starter_;
