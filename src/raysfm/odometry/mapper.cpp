@@ -139,6 +139,13 @@ bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f
   return true;
 }
 
+void renew_rays(const TrackingRig& rig, MapKeyFrame* keyframe) {
+  keyframe->rays.resize(rig.angular() ? keyframe->pixels.size() : 0);
+  for (size_t f = 0; f < keyframe->rays.size(); ++f) {
+    if (!rig.observe(keyframe->cameras[f], keyframe->pixels[f], &keyframe->rays[f])) keyframe->inliers[f] = 0;
+  }
+}
+
 void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map) {
   std::vector<Eigen::Vector2f> there;
   for (int c = 0; c < rig.size(); ++c) {
@@ -473,11 +480,7 @@ void Mapper::adjust_locally(Map* map) {
 }
 
 void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
-  for (MapKeyFrame& k : map->keyframes) {
-    for (int f = 0; f < static_cast<int>(k.rays.size()); ++f) {
-      if (!rig_.observe(k.cameras[f], k.pixels[f], &k.rays[f])) k.inliers[f] = 0;
-    }
-  }
+  for (MapKeyFrame& k : map->keyframes) renew_rays(rig_, &k);
   gather(map, std::max(0, first - options_.window), first);
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();

@@ -119,6 +119,10 @@ bool observe(const TrackingRig& rig, const TrackPixel& seen, int keyframe, Map* 
 bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel, int octave,
                       MapKeyFrame* keyframe);
 
+// Makes the rays of a key frame anew, where residuals are angular; without a ray, an observation is no
+// inlier.
+void renew_rays(const TrackingRig& rig, MapKeyFrame* keyframe);
+
 // Starts a new track at every corner that is at least `spacing` pixels of its octave from the features of the
 // key frame.
 void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map);

@@ -47,11 +47,7 @@ void Odometry::know(std::vector<Map> worlds) {
     for (int k = 0; k < s.looked_about; ++k) {
       MapKeyFrame& keyframe = s.map.keyframes[k];
       keyframe.frame = -left--;
-      keyframe.rays.clear();
-      for (int f = 0; rig_.angular() && f < keyframe.size(); ++f) {
-        ObservedRay& ray = keyframe.rays.emplace_back();
-        if (!rig_.observe(keyframe.cameras[f], keyframe.pixels[f], &ray)) keyframe.inliers[f] = 0;
-      }
+      renew_rays(rig_, &keyframe);
       if (keyframe.described.empty()) continue;
       places_.add({active_, k}, keyframe);
     }
