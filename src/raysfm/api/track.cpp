@@ -6,6 +6,7 @@
 #include <new>
 #include <optional>
 
+#include "raysfm/api/checkpoint.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/run_map.h"
@@ -249,15 +250,17 @@ class Narrator : public TrackerObserver {
 
 // Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
 Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
-                      const std::string& calibration, Tracker& tracker) {
+                      const std::string& calibration, Tracker& tracker, Checkpoint& checkpoint) {
   for (;;) try {
       if (callbacks.stopped()) return true;
       Result<ViewPtr> view = stream.next();
       if (!view) return view.error();
       if (!*view) return false;
+      checkpoint.note(**view);
       const Result<FrameResult> frame = tracker.push(*std::move(view));
       if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
       stream.detect_ahead(frame->state != TrackingState::kTracking);
+      checkpoint.keep(tracker, callbacks.event);
       if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
     } catch (const std::bad_alloc&) {
       return internal_error(fmt::format("not enough memory for frame {}", tracker.frames()));
@@ -302,12 +305,18 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
-  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads));
+  Checkpoint checkpoint(settings.checkpoint, run_identity(settings, sources->rig));
+  if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
+  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
+                    checkpoint.passed());
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
-  const Result<bool> stopped =
-      push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input), tracker);
+  Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
+  if (stopped && !*stopped) {
+    stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
+                       tracker, checkpoint);
+  }
   if (!stopped) return stopped.error();
   if (tracker.frames() == 0 && !*stopped) {
     return bad_input(fmt::format("{}: no frames", source.description()));

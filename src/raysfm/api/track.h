@@ -28,6 +28,10 @@ struct TrackSettings {
   bool localise = false;             // only in `map`, no other world is started
   std::string final = "none";        // "none" or "global": adjustment of everything at the end
   OdometryOptions odometry;
+  // File by which a run that was killed is gone on from: read where it is there, and replaced now and then.
+  // Whoever has the result removes it. Empty: none.
+  std::string checkpoint;
+  std::string program_version;  // checkpoints of another one are not gone on from
 };
 
 struct TrackProgress {

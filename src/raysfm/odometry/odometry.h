@@ -14,6 +14,7 @@
 #include "raysfm/odometry/starter.h"
 #include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
 namespace raysfm {
@@ -73,6 +74,12 @@ class Odometry {
   // refined and with the scale of a rig.
   int first_movable_frame() const { return settled_before_; }
 
+  // All that decides what comes later, between two views. What is read was written by an Odometry of the same
+  // rig and options; it takes the place of what is known. False, and not to be used any more, where the bytes
+  // are not such a state.
+  void write_state(StateWriter& state) { archive(state); }
+  bool read_state(StateReader& state);
+
   OdometryTimings timings() const;
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
@@ -89,6 +96,9 @@ class Odometry {
     Rigid3 rig_from_keyframe;
     Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
     std::vector<TrackPixel> matches;         // until the pose is settled
+
+    template <typename A>
+    void archive(A& a);
   };
   struct SegmentState {
     Map map;
@@ -101,6 +111,9 @@ class Odometry {
     int newest_meeting = -1000;  // key frame that saw a place again
     bool closed = false;         // parts of its map were brought together since all of it was adjusted
     int joined_into = -1;        // another one has all of it
+
+    template <typename A>
+    void archive(A& a);
   };
   // The newest posed view: where the next prediction starts, and the next key frame.
   struct Previous {
@@ -108,6 +121,9 @@ class Odometry {
     Localisation pose;
     Rigid3 velocity;      // rig now from rig `interval` ago
     double interval = 0;  // seconds, > 0; 0: no velocity
+
+    template <typename A>
+    void archive(A& a);
   };
 
   SegmentState& segment() { return segments_[active_]; }
@@ -119,6 +135,8 @@ class Odometry {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
   }
 
+  template <typename A>
+  void archive(A& a);
   ViewPtr detected(const ViewPtr& view);
   void go_through_waiting();
   FrameResult result_of(int frame) const;

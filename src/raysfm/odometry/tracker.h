@@ -73,6 +73,12 @@ class Tracker {
     return odometry_.finish(adjust_globally, maps);
   }
 
+  // What it takes to go on later from where it is, in a tracker of the same rig and options, with the same
+  // results to the last bit. Reading: false, and the tracker is not to be used, where the bytes are not such
+  // a state.
+  void write_state(StateWriter& state);
+  bool read_state(StateReader& state);
+
   OdometryTimings timings() const { return odometry_.timings(); }
   const TrackingRig& rig() const { return odometry_.rig(); }
 

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/core/archive.h"
 #include "raysfm/features/descriptor.h"
 
 namespace raysfm {
@@ -30,6 +31,11 @@ class PlaceIndex {
   // lower number first where votes are equal.
   std::vector<PlaceVotes> search(std::span<const Descriptor> descriptors, std::span<const uint8_t> skip,
                                  int most) const;
+
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, buckets_, size_);
+  }
 
  private:
   struct Entry {

@@ -7,11 +7,25 @@
 
 #include "raysfm/places/meeting.h"
 #include "raysfm/places/place_index.h"
+#include "raysfm/scene/archive_fields.h"
 
 namespace raysfm {
 
 // Logarithm to base 10 of the false alarms of a place that needs no other to confirm it.
 constexpr double kCertainPlace = -40;
+
+template <typename A>
+void archive_fields(A& a, RecognisedPlace& x) {
+  archive(a, x.keyframe, x.rig_from_world, x.covariance, x.matches, x.log10_false_alarms);
+}
+template <typename A>
+void archive_fields(A& a, WorldRelation& x) {
+  archive(a, x.there_from_here, x.log_scale_sigma, x.points);
+}
+template <typename A>
+void archive_fields(A& a, Meeting& x) {
+  archive(a, x.here, x.there, x.place, x.relation);
+}
 
 // The places of all worlds, and what is recognised among them. Owns scratch memory.
 class PlaceMemory {
@@ -44,6 +58,11 @@ class PlaceMemory {
 
   // After join_worlds().
   void renumber(const JoinedWorlds& joined);
+
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, index_, places_, hearsay_);
+  }
 
  private:
   void renumber(int world, int into, std::span<const int> keyframes);
