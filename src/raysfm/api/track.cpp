@@ -147,6 +147,10 @@ Result<void> choose_methods(TrackSettings* settings) {
   static constexpr std::pair<std::string_view, LensRefinement> kRefinements[] = {
       {"auto", LensRefinement::kAuto}, {"on", LensRefinement::kOn}, {"off", LensRefinement::kOff}};
   static constexpr std::pair<std::string_view, bool> kLoops[] = {{"on", true}, {"off", false}};
+  static constexpr std::pair<std::string_view, FinalAdjustment> kFinals[] = {
+      {"none", FinalAdjustment::kGlobal},
+      {"global", FinalAdjustment::kGlobal},
+      {"hierarchical", FinalAdjustment::kHierarchical}};
   const auto choose = [](const auto& table, const char* flag, const std::string& name,
                          auto* value) -> Result<void> {
     for (const auto& [known, method] : table) {
@@ -157,6 +161,7 @@ Result<void> choose_methods(TrackSettings* settings) {
   if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
   if (auto r = choose(kStarts, "--start", settings->start, &settings->odometry.start); !r) return r;
   if (auto r = choose(kLoops, "--loops", settings->loops, &settings->odometry.loops); !r) return r;
+  if (auto r = choose(kFinals, "--final", settings->final, &settings->odometry.final); !r) return r;
   return choose(kRefinements, "--refine-lens", settings->refine_lens, &settings->odometry.refine_lens);
 }
 
@@ -327,7 +332,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
 
   std::vector<Map> worlds;
-  out.reconstruction = tracker.finish(settings.final == "global", maps->writer ? &worlds : nullptr);
+  out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, *sources, stream.finish());

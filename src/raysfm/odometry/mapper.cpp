@@ -5,6 +5,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "raysfm/bundle/hierarchy.h"
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
 #include "raysfm/odometry/surfaces.h"
@@ -504,6 +505,15 @@ ScalePrior Mapper::present_extent() const {
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust({}, kAdjustment, kAdjustment, map);
+}
+
+void Mapper::adjust_hierarchically(Map* map) {
+  ScopedTimer timer(adjust_timing);
+  gather(map, 0, 0);
+  const BundleProblem problem = window_problem(*map);
+  merge_pieces(problem, kAdjustment, {});
+  adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
+  scatter(0, map);
 }
 
 void Mapper::measure_scale(Map* map) {

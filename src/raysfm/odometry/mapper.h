@@ -42,6 +42,10 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
+  // The same, where parts of it fit together badly: each part by itself first. The unit of length may change,
+  // where nothing tells it.
+  void adjust_hierarchically(Map* map);
+
   // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
   // with: in a few steps, or until a long map converges.
   void adapt_to_cameras(int first, bool to_the_end, Map* map);

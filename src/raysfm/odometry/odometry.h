@@ -65,7 +65,7 @@ class Odometry {
 
   // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
   // `maps` as Tracker::finish() says.
-  Reconstruction finish(bool final_global, std::vector<Map>* maps = nullptr);
+  Reconstruction finish(bool final_adjustment, std::vector<Map>* maps = nullptr);
 
   // What is known now.
   Reconstruction snapshot() const;
@@ -190,6 +190,7 @@ class Odometry {
   void forget_old_views();
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
+  void adjust_finally(int segment);
   void release_views();
   Reconstruction assemble(std::vector<Map> maps) const;
   double assemble_map(int number, Map map, Reconstruction* out) const;
