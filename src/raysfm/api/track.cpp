@@ -310,7 +310,8 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
-  Checkpoint checkpoint(settings.checkpoint, run_identity(settings, sources->rig));
+  Checkpoint checkpoint(settings.checkpoint,
+                        settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
   if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
   ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
                     checkpoint.passed());
