@@ -1,7 +1,8 @@
-"""`raysfm track` with --save-map, --map and --localise: saved_map_test.py PROGRAM [unittest arguments]."""
+"""`raysfm track` with --save-map, --map and --localise, and `raysfm map merge`: saved_map_test.py PROGRAM [unittest arguments]."""
 import hashlib
 import json
 import math
+import os
 import pathlib
 import shutil
 import sqlite3
@@ -13,6 +14,8 @@ from program import ProgramTest, run
 
 ROOM = None  # a sequence of 60 frames, 512 x 384 pixels
 SPLIT = 36
+SHARED = pathlib.Path(os.environ.get("RAYSFM_SHARED_DATA", pathlib.Path(__file__).resolve().parents[2] / "shared" / "data"))
+KITCHEN = SHARED / "redkitchen-handheld"  # 420 frames
 
 
 def setUpModule():
@@ -112,6 +115,88 @@ class SavedMaps(ProgramTest):
         camera = self.file("small.yaml", (ROOM / "camera.yaml").read_text().replace("512, 384", "256, 192"))
         self.assertEqual(run("synth", "room", "--camera", camera, "--frames", 3, "--out", small, "--quiet").returncode, 0)
         self.refused("track", small, "--out", self.folder / "out", "--map", path, says=["room.map", "512 x 384", "256 x 192"])
+
+
+def needs(path):
+    return unittest.skipUnless(path.exists(), f"no shared data: {path.name} (set RAYSFM_SHARED_DATA)")
+
+
+class MergedMaps(ProgramTest):
+    def mapped(self, name, source, first=0, last=None):
+        """Map of frames [first, last) of a sequence."""
+        part, path = self.folder / name, self.folder / f"{name}.map"
+        (part / "images").mkdir(parents=True)
+        for image in sorted((source / "images").iterdir())[first:last]:
+            (part / "images" / image.name).symlink_to(image)
+        (part / "times.txt").write_text("".join((source / "times.txt").read_text().splitlines(True)[first:last]))
+        shutil.copy(source / "camera.yaml", part)
+        done = run("track", part, "--out", self.folder / f"out-{name}", "--save-map", path, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return path
+
+    def merged(self, name, *maps):
+        out = self.folder / name
+        done = run("map", "merge", *maps, "--out", out)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertEqual(run("map", "check", out).returncode, 0)
+        return out, done.stdout
+
+    def worlds(self, path):
+        with sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True) as database:
+            return [row[0] for row in database.execute("SELECT keyframes FROM world ORDER BY world")]
+
+    @needs(KITCHEN)
+    def test_two_halves_of_a_room_become_one_world(self):
+        halves = [self.mapped("first", KITCHEN, 0, 241), self.mapped("second", KITCHEN, 180, 420)]
+        before = [path.read_bytes() for path in halves]
+        out, told = self.merged("merged.map", *halves)
+        self.assertIn("second.map, world 0: joined to world 0", told)
+        self.assertEqual(self.worlds(out), [self.worlds(halves[0])[0] + self.worlds(halves[1])[0]])
+        self.assertEqual([path.read_bytes() for path in halves], before)
+        self.assertEqual(out.read_bytes(), self.merged("again.map", *halves)[0].read_bytes())
+
+        done = run("track", KITCHEN, "--map", out, "--localise", "--out", self.folder / "out", "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.folder / "out" / "report.json").read_text())
+        self.assertGreaterEqual(report["frames"]["posed"], 416)
+        self.assertEqual(len(report["worlds"]), 1)
+        judged = run("eval", self.folder / "out", KITCHEN / "truth.txt", "--json")
+        self.assertEqual(judged.returncode, 0, judged.stderr)
+        self.assertLess(json.loads(judged.stdout)["ate"]["rmse"], 0.05)
+
+    @needs(KITCHEN)
+    def test_other_places_stay_worlds_and_other_cameras_are_refused(self):
+        kitchen, elsewhere = self.mapped("kitchen", KITCHEN, 0, 80), self.folder / "elsewhere"
+        done = run("synth", "room", "--camera", KITCHEN / "camera.yaml", "--motion", "handheld", "--frames", 20, "--fps", 10,
+                   "--length", 2, "--out", elsewhere, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        synthetic = self.mapped("synthetic", elsewhere)
+        out, told = self.merged("both.map", kitchen, synthetic)
+        self.assertEqual(self.worlds(out), self.worlds(kitchen) + self.worlds(synthetic))
+        self.assertIn("synthetic.map, world 0: world 1\n", told)
+
+        camera = self.file("other.yaml", (KITCHEN / "camera.yaml").read_text().replace("526.", "590."))
+        other = self.folder / "other"
+        done = run("synth", "room", "--camera", camera, "--motion", "handheld", "--frames", 12, "--fps", 10, "--length", 2,
+                   "--out", other, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        tele = self.mapped("tele", other)
+        kept = out.read_bytes()
+        self.refused("map", "merge", kitchen, tele, "--out", out, says=["tele.map", "camera 0", "pixels off"])
+        self.assertEqual(out.read_bytes(), kept)
+
+    def test_what_cannot_be_merged_is_refused(self):
+        room = self.mapped("room", ROOM, 0, 20)
+        out = self.folder / "out.map"
+        self.refused("map", "merge", room, "--out", out, says=["2 required"])
+        self.refused("map", "merge", room, room, "--out", out, says=["room.map", "twice"])
+        self.refused("map", "merge", room, self.folder / "none.map", "--out", out, says=["none.map"])
+        copy = self.folder / "copy.map"
+        shutil.copy(room, copy)
+        self.refused("map", "merge", room, copy, "--out", copy, says=["--out", "copy.map"])
+        copy.write_bytes(room.read_bytes()[:-100])
+        self.refused("map", "merge", room, copy, "--out", out, says=["copy.map"])
+        self.assertFalse(out.exists())
 
 
 def sqlite_keyframes(path):

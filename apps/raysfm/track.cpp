@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -18,7 +19,15 @@ namespace {
 struct Arguments {
   TrackSettings settings;
   std::string out;
+  bool resume = false;
 };
+
+// Beside the output folder, which is replaced as a whole.
+std::string checkpoint_of(const std::string& out) {
+  std::filesystem::path folder = std::filesystem::absolute(out).lexically_normal();
+  if (!folder.has_filename()) folder = folder.parent_path();
+  return (folder.parent_path() / ("." + folder.filename().string() + ".checkpoint")).string();
+}
 
 // A line that rewrites itself on a terminal, now and then a plain line elsewhere.
 class ProgressPrinter : public ProgressLine {
@@ -55,6 +64,10 @@ Result<int> outcome(const TrackResult& result, bool written, const std::string& 
 
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
   TrackSettings& settings = arguments.settings;
+  if (arguments.resume) {
+    settings.checkpoint = checkpoint_of(arguments.out);
+    settings.program_version = RAYSFM_VERSION;
+  }
   const StopSignals stop;
   ProgressPrinter printer(common.quiet);
   TrackCallbacks callbacks;
@@ -67,6 +80,10 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   const Result<bool> written = write_track_output(*result, settings, RAYSFM_VERSION, arguments.out);
   if (!written) return written.error();
+  std::error_code failure;  // an interrupted run is gone on from
+  if (arguments.resume && !result->report.interrupted) {
+    std::filesystem::remove(settings.checkpoint, failure);
+  }
   if (!common.quiet && *written) print_summary(*result, arguments.out);
   return outcome(*result, *written, arguments.out, stop);
 }
@@ -81,6 +98,9 @@ Command add_track(CLI::App& program, const CommonOptions& common) {
                    "video, image folder or pattern, sequence folder, device")
       ->check(named());
   command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
+  command->add_flag(
+      "--resume", arguments->resume,
+      "leaves checkpoints, and goes on from that of a run that was killed, with the same results");
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,

@@ -9,12 +9,12 @@
 
 #include "long_call.h"
 #include "raysfm/api/track.h"
-#include "raysfm/api/view_stream.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
+#include "raysfm/streams/view_stream.h"
 #include "run.h"
 #include "support.h"
 

@@ -140,7 +140,7 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
       {"map", "saved map to go on from", &s.map, {}},
       {"save-map", "saved map to leave, for later runs", &s.save_map, {}},
       {"localise", "only poses in --map, which stays as it is", &s.localise, {}},
-      {"final", "adjustment of everything at the end", &s.final, {"none", "global"}},
+      {"final", "adjustment of everything at the end", &s.final, {"none", "global", "hierarchical"}},
       {"features", "corners per frame", &o.features, {}},
       {"min-matches", "fewer matches with the last key frame ask for a new one", &o.min_matches, {}},
       {"free-cameras", "key frames that a local adjustment moves", &o.free_cameras, {}},

@@ -65,7 +65,7 @@ TEST_F(ConfigTest, BadFilesNameFileKeyAndWhatIsAllowed) {
   EXPECT_NE(message("windw: 3\n").find("'windw' is no setting"), std::string::npos);
   EXPECT_NE(message("window: many\n").find("whole number"), std::string::npos);
   EXPECT_NE(message("window: [1, 2]\n").find("whole number"), std::string::npos);
-  EXPECT_NE(message("final: perhaps\n").find("none, global"), std::string::npos);
+  EXPECT_NE(message("final: perhaps\n").find("none, global, hierarchical"), std::string::npos);
   message("- a\n- b\n");
   message("window: [1, 2\n");
   message(std::string(2 << 20, ' '));

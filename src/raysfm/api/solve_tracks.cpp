@@ -4,10 +4,10 @@
 
 #include <algorithm>
 
-#include "raysfm/api/view_stream.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
+#include "raysfm/streams/view_stream.h"
 
 namespace raysfm {
 namespace {

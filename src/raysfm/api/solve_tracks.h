@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "raysfm/api/solve_input.h"
-#include "raysfm/api/view_stream.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/corner_aligner.h"
 #include "raysfm/matching/pair_tracker.h"
+#include "raysfm/streams/view_stream.h"
 
 namespace raysfm {
 

@@ -6,10 +6,10 @@
 #include <new>
 #include <optional>
 
+#include "raysfm/api/checkpoint.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/run_map.h"
-#include "raysfm/api/view_stream.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/camera_files/camera_file.h"
@@ -19,6 +19,7 @@
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
 #include "raysfm/odometry/tracker.h"
+#include "raysfm/streams/view_stream.h"
 
 namespace raysfm {
 namespace {
@@ -168,6 +169,10 @@ Result<void> choose_methods(TrackSettings* settings) {
   static constexpr std::pair<std::string_view, LensRefinement> kRefinements[] = {
       {"auto", LensRefinement::kAuto}, {"on", LensRefinement::kOn}, {"off", LensRefinement::kOff}};
   static constexpr std::pair<std::string_view, bool> kLoops[] = {{"on", true}, {"off", false}};
+  static constexpr std::pair<std::string_view, FinalAdjustment> kFinals[] = {
+      {"none", FinalAdjustment::kGlobal},
+      {"global", FinalAdjustment::kGlobal},
+      {"hierarchical", FinalAdjustment::kHierarchical}};
   const auto choose = [](const auto& table, const char* flag, const std::string& name,
                          auto* value) -> Result<void> {
     for (const auto& [known, method] : table) {
@@ -178,6 +183,7 @@ Result<void> choose_methods(TrackSettings* settings) {
   if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
   if (auto r = choose(kStarts, "--start", settings->start, &settings->odometry.start); !r) return r;
   if (auto r = choose(kLoops, "--loops", settings->loops, &settings->odometry.loops); !r) return r;
+  if (auto r = choose(kFinals, "--final", settings->final, &settings->odometry.final); !r) return r;
   return choose(kRefinements, "--refine-lens", settings->refine_lens, &settings->odometry.refine_lens);
 }
 
@@ -263,15 +269,17 @@ class Narrator : public TrackerObserver {
 
 // Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
 Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
-                      const std::string& calibration, Tracker& tracker) {
+                      const std::string& calibration, Tracker& tracker, Checkpoint& checkpoint) {
   for (;;) try {
       if (callbacks.stopped()) return true;
       Result<ViewPtr> view = stream.next();
       if (!view) return view.error();
       if (!*view) return false;
+      checkpoint.note(**view);
       const Result<FrameResult> frame = tracker.push(*std::move(view));
       if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
       stream.detect_ahead(frame->state != TrackingState::kTracking);
+      checkpoint.keep(tracker, callbacks.event);
       if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
     } catch (const std::bad_alloc&) {
       return internal_error(fmt::format("not enough memory for frame {}", tracker.frames()));
@@ -337,12 +345,19 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
-  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads));
+  Checkpoint checkpoint(settings.checkpoint,
+                        settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
+  if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
+  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
+                    checkpoint.passed());
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
-  const Result<bool> stopped =
-      push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input), tracker);
+  Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
+  if (stopped && !*stopped) {
+    stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
+                       tracker, checkpoint);
+  }
   if (!stopped) return stopped.error();
   if (tracker.frames() == 0 && !*stopped) {
     return bad_input(fmt::format("{}: no frames", source.description()));
@@ -353,7 +368,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
 
   std::vector<Map> worlds;
-  out.reconstruction = tracker.finish(settings.final == "global", maps->writer ? &worlds : nullptr);
+  out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, *sources, stream.finish());

@@ -32,8 +32,12 @@ struct TrackSettings {
   std::string map;             // path of a saved map to go on from; empty: none
   std::string save_map;        // path of the one to leave; empty: none
   bool localise = false;       // only in `map`, no other world is started
-  std::string final = "none";  // "none" or "global": adjustment of everything at the end
+  std::string final = "none";  // "none", "global" or "hierarchical": adjustment of everything at the end
   OdometryOptions odometry;
+  // File by which a run that was killed is gone on from: read where it is there, and replaced now and then.
+  // Whoever has the result removes it. Empty: none.
+  std::string checkpoint;
+  std::string program_version;  // checkpoints of another one are not gone on from
 };
 
 struct TrackProgress {

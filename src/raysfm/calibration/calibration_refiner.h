@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raysfm/calibration/calibration_choice.h"
+#include "raysfm/core/archive.h"
 #include "raysfm/scene/map.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/views/rolling_shutter.h"
@@ -56,12 +57,27 @@ class CalibrationRefiner {
   std::vector<CalibrationNumber> numbers() const;
   // Whether the present calibration is that of another lens than the given one.
   bool contradicts() const { return contradicts_; }
+  // The present calibration.
+  Rig rig() const { return parameters_.rig(values_); }
+
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.significance, choice_.is_told,
+                    choice_.contradicts, choice_.effect, contradicts_, stretches_, taken_over_at_);
+  }
 
  private:
   struct Stretch {
     int world = 0;
     int end = 0;  // key frame after its last
     CalibrationEvidence evidence;
+
+    template <typename A>
+    void archive(A& a) {
+      CalibrationEvidence& e = evidence;
+      raysfm::archive(a, world, end, e.at, e.information, e.gradient, e.scatter, e.lens_scatter, e.cost,
+                      e.observations);
+    }
   };
 
   int first_new(int world) const;

@@ -3,9 +3,14 @@
 #include <vector>
 
 #include "raysfm/features/zncc_matcher.h"
-#include "raysfm/views/view.h"
+#include "raysfm/views/view_archive.h"
 
 namespace raysfm {
+
+template <typename A>
+void archive_fields(A& a, ZnccMatch& x) {
+  archive(a, x.query, x.train, x.zncc);
+}
 
 // Follows the corners of one camera of a view through the views after it, before any geometry is known
 // (LBA09 2.1): each is looked for where its own motion, or else that of its neighbours or of the image as a
@@ -13,6 +18,7 @@ namespace raysfm {
 // later is mostly something else.
 class PairTracker {
  public:
+  PairTracker() = default;  // to be read
   // Follows every `every`-th corner of the base, >= 1: more than one where only their number is asked for.
   PairTracker(ViewPtr base, int camera, int every = 1);
 
@@ -32,6 +38,13 @@ class PairTracker {
   // Median distance in pixels between the matched features of the base and the newest view.
   float median_displacement() const { return median_displacement_; }
 
+  // The base and the newest view are detected.
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, base_, newest_, camera_, every_, matches_, place_, velocity_, missed_, foreseen_,
+                    found_, median_displacement_);
+  }
+
  private:
   void predict(const CameraView& next, const CoarseMotion* image_motion);
   const PatchSet& patches_for(const CameraView& next);
@@ -39,7 +52,7 @@ class PairTracker {
   void update(const CameraView& next);
 
   ViewPtr base_, newest_;
-  int camera_, every_;
+  int camera_ = 0, every_ = 1;
   ZnccMatcher matcher_;
   std::vector<std::vector<int>> matches_;
   std::vector<Eigen::Vector2f> place_;     // last known or extrapolated place of each feature

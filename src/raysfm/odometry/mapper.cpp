@@ -5,6 +5,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "raysfm/bundle/hierarchy.h"
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/scale_keeper.h"
 #include "raysfm/views/scan_correction.h"
@@ -138,6 +139,14 @@ bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f
   keyframe->pixels[feature] = pixel;
   keyframe->octaves[feature] = static_cast<uint8_t>(octave);
   return true;
+}
+
+void renew_rays(const TrackingRig& rig, MapKeyFrame* keyframe) {
+  keyframe->rays.resize(rig.angular() ? keyframe->pixels.size() : 0);
+  for (size_t f = 0; f < keyframe->rays.size(); ++f) {
+    if (!rig.observe(keyframe->cameras[f], keyframe->instant_pixel(static_cast<int>(f)), &keyframe->rays[f]))
+      keyframe->inliers[f] = 0;
+  }
 }
 
 void start_tracks(const TrackingRig& rig, const View& view, float spacing, int keyframe, Map* map) {
@@ -482,11 +491,7 @@ void Mapper::adjust_locally(Map* map) {
 }
 
 void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
-  for (MapKeyFrame& k : map->keyframes) {
-    for (int f = 0; f < static_cast<int>(k.rays.size()); ++f) {
-      if (!rig_.observe(k.cameras[f], k.instant_pixel(f), &k.rays[f])) k.inliers[f] = 0;
-    }
-  }
+  for (MapKeyFrame& k : map->keyframes) renew_rays(rig_, &k);
   gather(map, std::max(0, first - options_.window), first);
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
@@ -510,6 +515,15 @@ ScalePrior Mapper::present_extent() const {
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust({}, kAdjustment, kAdjustment, map);
+}
+
+void Mapper::adjust_hierarchically(Map* map) {
+  ScopedTimer timer(adjust_timing);
+  gather(map, 0, 0);
+  const BundleProblem problem = window_problem(*map);
+  merge_pieces(problem, kAdjustment, {});
+  adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
+  scatter(0, map);
 }
 
 void Mapper::measure_scale(Map* map) {

@@ -45,6 +45,10 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
+  // The same, where parts of it fit together badly: each part by itself first. The unit of length may change,
+  // where nothing tells it.
+  void adjust_hierarchically(Map* map);
+
   // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
   // with: in a few steps, or until a long map converges.
   void adapt_to_cameras(int first, bool to_the_end, Map* map);
@@ -121,6 +125,10 @@ bool observe(const TrackingRig& rig, const TrackPixel& seen, int keyframe, Map* 
 // Moves observation `feature` of a key frame; false, changing nothing, as above.
 bool move_observation(const TrackingRig& rig, int feature, const Eigen::Vector2f& pixel, int octave,
                       MapKeyFrame* keyframe);
+
+// Makes the rays of a key frame anew, where residuals are angular; without a ray, an observation is no
+// inlier.
+void renew_rays(const TrackingRig& rig, MapKeyFrame* keyframe);
 
 // Starts a new track at every corner that is at least `spacing` pixels of its octave from the features of the
 // key frame.

@@ -95,7 +95,7 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       maker_(maker),
       localiser_(rig_, options_),
       mapper_(rig_, options_),
-      place_matcher_(rig_),
+      places_(rig_, options_.seed),
       refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior) {
   starter_.emplace(rig_, options_);
 }
@@ -567,7 +567,7 @@ void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   accept(view, std::move(pose));
 }
 
-Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) {
+Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_maps) {
   if (!tracking() && options_.starts_worlds) {
     if (auto start = starter_->finish(mapper_)) {
       const std::vector<WaitingView> views = starter_->views();
@@ -590,7 +590,7 @@ Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) 
     SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
     if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(static_cast<int>(s), 0);
-    if (final_global) mapper_.adjust_globally(&segment.map);
+    if (final_adjustment) adjust_finally(static_cast<int>(s));
   }
   for (size_t s = 0; s < segments_.size(); ++s) {
     if (segments_[s].joined_into >= 0) continue;
@@ -609,6 +609,15 @@ Reconstruction Odometry::finish(bool final_global, std::vector<Map>* kept_maps) 
     }
   }
   return assemble(std::move(maps));
+}
+
+void Odometry::adjust_finally(int number) {
+  Map& map = segments_[number].map;
+  if (options_.final == FinalAdjustment::kGlobal) return mapper_.adjust_globally(&map);
+  std::vector<Rigid3> before;
+  for (const MapKeyFrame& k : map.keyframes) before.push_back(k.rig_from_world);
+  mapper_.adjust_hierarchically(&map);
+  carry_frames(number, before);
 }
 
 // What only more views would need.

@@ -12,10 +12,9 @@
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/starter.h"
-#include "raysfm/places/place_index.h"
-#include "raysfm/places/place_matcher.h"
-#include "raysfm/places/world_relation.h"
+#include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
 namespace raysfm {
@@ -25,9 +24,6 @@ namespace raysfm {
 struct OdometryTimings {
   StageTiming detect, start, match, pose, align, keyframe, adjust, calibrate, frame;
 };
-
-// Standard deviation of the logarithm of a scale below which it is called metric.
-constexpr double kMetricSigma = 0.02;
 
 enum class TrackingState : uint8_t {
   kStarting,  // no world yet
@@ -69,7 +65,7 @@ class Odometry {
 
   // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
   // `maps` as Tracker::finish() says.
-  Reconstruction finish(bool final_global, std::vector<Map>* maps = nullptr);
+  Reconstruction finish(bool final_adjustment, std::vector<Map>* maps = nullptr);
 
   // What is known now.
   Reconstruction snapshot() const;
@@ -77,6 +73,12 @@ class Odometry {
   // Poses of frames before it do not move any more, but by a final adjustment, by a calibration that is
   // refined and with the scale of a rig.
   int first_movable_frame() const { return settled_before_; }
+
+  // All that decides what comes later, between two views. What is read was written by an Odometry of the same
+  // rig and options; it takes the place of what is known. False, and not to be used any more, where the bytes
+  // are not such a state.
+  void write_state(StateWriter& state) { archive(state); }
+  bool read_state(StateReader& state);
 
   OdometryTimings timings() const;
   const TrackingRig& rig() const { return rig_; }
@@ -94,6 +96,9 @@ class Odometry {
     Rigid3 rig_from_keyframe;
     Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
     std::vector<TrackPixel> matches;         // until the pose is settled
+
+    template <typename A>
+    void archive(A& a);
   };
   struct SegmentState {
     Map map;
@@ -106,17 +111,9 @@ class Odometry {
     int newest_meeting = -1000;  // key frame that saw a place again
     bool closed = false;         // parts of its map were brought together since all of it was adjusted
     int joined_into = -1;        // another one has all of it
-  };
-  // A place that can be recognised.
-  struct PlaceRef {
-    int segment = 0;
-    int keyframe = 0;
-  };
-  // A place seen again from the newest key frames.
-  struct Meeting {
-    PlaceRef here, there;
-    RecognisedPlace place;
-    WorldRelation relation;
+
+    template <typename A>
+    void archive(A& a);
   };
   // The newest posed view: where the next prediction starts, and the next key frame.
   struct Previous {
@@ -124,6 +121,9 @@ class Odometry {
     Localisation pose;
     Rigid3 velocity;      // rig now from rig `interval` ago
     double interval = 0;  // seconds, > 0; 0: no velocity
+
+    template <typename A>
+    void archive(A& a);
   };
 
   SegmentState& segment() { return segments_[active_]; }
@@ -135,6 +135,8 @@ class Odometry {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
   }
 
+  template <typename A>
+  void archive(A& a);
   ViewPtr detected(const ViewPtr& view);
   void go_through_waiting();
   FrameResult result_of(int frame) const;
@@ -170,19 +172,12 @@ class Odometry {
   void refine_start();
   // odometry_places.cpp:
   void look_about(int end);
-  std::vector<int> shared_points(int keyframe) const;
-  bool is_new_place(int keyframe, const std::vector<int>& shared) const;
-  void remember(int keyframe, const std::vector<int>& shared);
-  std::optional<Meeting> recognise(int keyframe, const std::vector<PlaceVotes>& likely);
-  std::optional<Meeting> meet(int keyframe, const DescribedCorners& seen, const PlaceRef& there);
-  bool has_same_scale(int a, int b) const;
-  bool is_plausible(const Meeting& meeting) const;
-  bool is_confirmed(const Meeting& meeting);
-  double disagreement(const Meeting& meeting) const;
+  std::vector<Map*> maps();
+  bool is_new_place(int keyframe) const;
+  void remember(int keyframe);
   void close(const Meeting& meeting);
-  void join(Meeting meeting);
+  void join(const Meeting& meeting);
   void fuse(const std::vector<SamePoint>& points);
-  Similarity3 agree_on_scale(int first, int second, Similarity3 first_from_second);
   void renumber(int segment, int into, const std::vector<int>& keyframes, int first_track);
   void adjust_all();
   void all_has_moved();
@@ -205,6 +200,7 @@ class Odometry {
   void forget_old_views();
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
+  void adjust_finally(int segment);
   void release_views();
   Reconstruction assemble(std::vector<Map> maps) const;
   double assemble_map(int number, Map map, Reconstruction* out) const;
@@ -219,10 +215,7 @@ class Odometry {
   Localiser localiser_;
   Mapper mapper_;
   Describer describer_;
-  PlaceMatcher place_matcher_;
-  PlaceIndex place_index_;
-  std::vector<PlaceRef> places_;    // by their number in the index
-  std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
+  PlaceMemory places_;
   std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
   std::optional<Starter> starter_;

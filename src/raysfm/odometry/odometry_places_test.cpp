@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
+#include <string_view>
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
@@ -218,6 +221,78 @@ TEST(OdometryPlaces, TheResultDependsOnTheViewsAlone) {
   ASSERT_FALSE(first.closures.empty());
   EXPECT_TRUE(identical(first, run(film)));
   EXPECT_TRUE(identical(first, run(late, {}, {{small_camera()}}, nullptr, &maker)));
+}
+
+// The unit of length may change on the way, and frames between key frames go with them.
+TEST(OdometryPlaces, PartByPartEverythingIsAdjustedAsWellAsAtOnce) {
+  Film film;
+  film.add(slow_round(), 4, 300);
+  const auto adjusted = [&](FinalAdjustment how) {
+    OdometryOptions options;
+    options.final = how;
+    Odometry odometry({{small_camera()}}, options);
+    for (const ViewPtr& view : film.views) odometry.process(view);
+    return odometry.finish(true);
+  };
+  const Reconstruction at_once = adjusted(FinalAdjustment::kGlobal),
+                       by_parts = adjusted(FinalAdjustment::kHierarchical);
+  ASSERT_EQ(by_parts.segments.size(), 1u);
+  EXPECT_GT(by_parts.keyframes.size(), 40u);  // several parts
+  EXPECT_FALSE(identical(at_once, by_parts));
+  EXPECT_LT(error_of(by_parts, film).ate.rmse, 1.1 * error_of(at_once, film).ate.rmse);
+  EXPECT_LT(error_of(by_parts, film).rpe.trans, 1.1 * error_of(at_once, film).rpe.trans);
+  EXPECT_LT(by_parts.rms_reprojection_px, 1.02 * at_once.rms_reprojection_px);
+}
+
+// The state after so many views of a film, and the film's views that it refers to.
+struct Broken {
+  std::string state;
+  std::map<int, ViewPtr> views;
+};
+
+Broken broken_off(const Film& film, int views) {
+  Odometry odometry({{small_camera()}}, {});
+  for (int i = 0; i < views; ++i) odometry.process(film.views[i]);
+  StateWriter writer;
+  odometry.write_state(writer);
+  Broken out{writer.content(), {}};
+  for (const auto& [frame, detected] : writer.views()) {
+    EXPECT_LT(frame, views);
+    out.views[frame] = film.views[frame];
+  }
+  return out;
+}
+
+// While it starts, tracks, is lost, and after worlds were joined.
+TEST(OdometryPlaces, ItGoesOnFromItsStateWithTheSameResult) {
+  const Film film = two_sides();
+  const Reconstruction whole = run(film);
+  ASSERT_FALSE(whole.closures.empty());
+  for (const int views : {1, 5, 30, 49, 55, 100, film.size() - 20, film.size()}) {
+    const Broken broken = broken_off(film, views);
+    Odometry odometry({{small_camera()}}, {});
+    StateReader reader(broken.state, broken.views);
+    ASSERT_TRUE(odometry.read_state(reader)) << views;
+    EXPECT_EQ(odometry.frames(), views);
+    for (int i = views; i < film.size(); ++i) odometry.process(film.views[i]);
+    EXPECT_TRUE(identical(whole, odometry.finish(false))) << views;
+  }
+}
+
+TEST(OdometryPlaces, AStateThatIsNotWholeIsRefused) {
+  Broken broken = broken_off(two_sides(), 30);
+  const auto is_read = [&](std::string_view state) {
+    Odometry odometry({{small_camera()}}, {});
+    StateReader reader(state, broken.views);
+    return odometry.read_state(reader);
+  };
+  ASSERT_TRUE(is_read(broken.state));
+  for (int i = 0; i < 200; ++i) {
+    EXPECT_FALSE(is_read(std::string_view(broken.state).substr(0, broken.state.size() * i / 200))) << i;
+  }
+  EXPECT_FALSE(is_read(broken.state + "x"));
+  broken.views.erase(broken.views.begin());
+  EXPECT_FALSE(is_read(broken.state));
 }
 
 ViewPtr stereo_view(GrayImage left, GrayImage right, int frame) {

@@ -9,6 +9,12 @@
 
 namespace raysfm {
 
+// How everything is adjusted at the end, where that is asked for.
+enum class FinalAdjustment : uint8_t {
+  kGlobal,        // from where it is
+  kHierarchical,  // halves of halves first, for maps that are bent (LBA09 2.6)
+};
+
 // Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
 struct OdometryOptions {
   int features = 1500;     // corners per frame (2.1); >= 50
@@ -23,6 +29,7 @@ struct OdometryOptions {
   CalibrationPrior calibration_prior = {};  // of the cameras given
   bool loops = true;          // places seen before are recognised: loops are closed, worlds joined
   bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
+  FinalAdjustment final = FinalAdjustment::kGlobal;
   uint64_t seed = 0;
 };
 

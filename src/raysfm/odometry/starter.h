@@ -42,6 +42,15 @@ struct WaitingView {
   std::vector<SeenCorner> seen;  // once released otherwise; empty for views before the first
 };
 
+template <typename A>
+void archive_fields(A& a, SeenCorner& x) {
+  archive(a, x.corner, x.camera, x.octave, x.pixel);
+}
+template <typename A>
+void archive_fields(A& a, WaitingView& x) {
+  archive(a, x.frame, x.view, x.same_as, x.seen);
+}
+
 // Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
 // it chose do not do, it says why and goes on with later ones.
 class Starter {
@@ -62,6 +71,12 @@ class Starter {
   const std::string& reason() const { return reason_; }
   // Attempts so far.
   int attempts() const { return attempts_; }
+
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, views_, tried_at_, first_, second_, next_, from_first_, from_second_, reason_,
+                    last_reason_, most_matches_, attempts_);
+  }
 
  private:
   bool is_worth_a_try(int current);

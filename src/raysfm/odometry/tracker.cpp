@@ -117,6 +117,16 @@ Result<FrameResult> Tracker::push(std::span<const PixelView> images, double time
   return push(ViewPtr(std::move(view)));
 }
 
+void Tracker::write_state(StateWriter& state) {
+  archive(state, newest_, checked_);
+  odometry_.write_state(state);
+}
+
+bool Tracker::read_state(StateReader& state) {
+  archive(state, newest_, checked_);
+  return odometry_.read_state(state);
+}
+
 Result<FrameResult> Tracker::push(ViewPtr view) {
   if (!checked_ && view->defect.empty()) {
     view = maker_.detected(view);

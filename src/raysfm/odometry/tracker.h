@@ -69,9 +69,15 @@ class Tracker {
   // `maps`, where it is not null, becomes the map of each world that can be known to a later run, key frames
   // of this run with the `frame` that they were taken from; those of earlier ones have -n to -1, in the order
   // of known_worlds and its key frames, of which there were n.
-  Reconstruction finish(bool adjust_globally, std::vector<Map>* maps = nullptr) {
-    return odometry_.finish(adjust_globally, maps);
+  Reconstruction finish(bool final_adjustment, std::vector<Map>* maps = nullptr) {
+    return odometry_.finish(final_adjustment, maps);
   }
+
+  // What it takes to go on later from where it is, in a tracker of the same rig and options, with the same
+  // results to the last bit. Reading: false, and the tracker is not to be used, where the bytes are not such
+  // a state.
+  void write_state(StateWriter& state);
+  bool read_state(StateReader& state);
 
   OdometryTimings timings() const { return odometry_.timings(); }
   const TrackingRig& rig() const { return odometry_.rig(); }

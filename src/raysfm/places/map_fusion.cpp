@@ -1,6 +1,7 @@
 #include "raysfm/places/map_fusion.h"
 
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
 namespace raysfm {
@@ -65,6 +66,17 @@ void fuse_tracks(int kept, int gone, Map* map) {
     to.triangulated = to.had_position = true;
   }
   map->free_track(gone);
+}
+
+std::vector<int> fuse_points(std::span<const SamePoint> points, Map* map) {
+  std::vector<int> track_now(map->tracks.size());
+  std::iota(track_now.begin(), track_now.end(), 0);
+  for (const SamePoint& p : points) {
+    if (track_now[p.here] != p.here || track_now[p.there] != p.there || p.here == p.there) continue;
+    fuse_tracks(p.there, p.here, map);
+    track_now[p.here] = p.there;
+  }
+  return track_now;
 }
 
 }  // namespace raysfm

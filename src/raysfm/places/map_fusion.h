@@ -28,4 +28,8 @@ void transform_map(const Similarity3& b_from_a, Map* map);
 // happens then.
 void fuse_tracks(int kept, int gone, Map* map);
 
+// Makes one track of each two that show one point: `there` goes on, where neither was fused already. Returns
+// by which number what names a track has to name it now.
+std::vector<int> fuse_points(std::span<const SamePoint> points, Map* map);
+
 }  // namespace raysfm

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/core/archive.h"
 #include "raysfm/features/descriptor.h"
 
 namespace raysfm {
@@ -32,6 +33,11 @@ class PlaceIndex {
   std::vector<PlaceVotes> search(std::span<const Descriptor> descriptors, std::span<const uint8_t> skip,
                                  int most) const;
 
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, buckets_, size_);
+  }
+
  private:
   struct TwoNearest;
   // What was filed under one value of a quarter.
@@ -39,6 +45,10 @@ class PlaceIndex {
     std::vector<uint64_t> signatures;  // the 64 bits
     std::vector<uint32_t> places;
 
+    template <typename A>
+    void archive(A& a) {
+      raysfm::archive(a, signatures, places);
+    }
     // Offers the places of the signatures that are near one.
     void offer_near(uint64_t signature, std::span<const uint8_t> is_skipped, TwoNearest* nearest) const;
   };

@@ -14,6 +14,9 @@
 
 namespace raysfm {
 
+// Standard deviation of the logarithm of a scale below which it is called metric.
+constexpr double kMetricSigma = 0.02;
+
 // What stays as long as the map.
 template <typename T>
 using MapArray = std::vector<T, SlabAllocator<T>>;

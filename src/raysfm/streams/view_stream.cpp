@@ -1,4 +1,4 @@
-#include "raysfm/api/view_stream.h"
+#include "raysfm/streams/view_stream.h"
 
 #include <algorithm>
 #include <exception>
@@ -18,9 +18,11 @@ std::future<T> ready(T value) {
 
 }  // namespace
 
-ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads)
+ViewStream::ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads,
+                       PassedViews passed)
     : sources_(sources),
       maker_(std::move(maker)),
+      passed_(std::move(passed)),
       pool_(std::make_unique<ThreadPool>(std::max(0, threads - 1))) {
   if (threads <= 1) return;
   try {
@@ -54,8 +56,11 @@ ViewStream::Item ViewStream::made(Frames frames) const {
     pictures.push_back({std::move(frame.gray), std::move(frame.colors)});
   }
   if (!view->defect.empty()) return ViewPtr(std::move(view));
+  const auto needed = passed_.needed.find(view->frame);
+  const bool is_passed = view->frame < passed_.end;
+  if (is_passed && needed == passed_.needed.end()) return ViewPtr(std::move(view));
   maker_.look(std::move(pictures), view.get());
-  if (detect_ahead_) maker_.detect(view.get());
+  if (is_passed ? needed->second : detect_ahead_.load()) maker_.detect(view.get());
   return ViewPtr(std::move(view));
 }
 

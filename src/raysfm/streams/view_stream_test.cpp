@@ -1,4 +1,4 @@
-#include "raysfm/api/view_stream.h"
+#include "raysfm/streams/view_stream.h"
 
 #include <gtest/gtest.h>
 

@@ -13,9 +13,16 @@
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/frames/frame_set.h"
+#include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
 namespace raysfm {
+
+// Views that are only passed over: those before `end`. Some of them are needed all the same.
+struct PassedViews {
+  int end = 0;
+  ViewsNeeded needed = {};
+};
 
 // Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
 // calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
@@ -24,7 +31,9 @@ namespace raysfm {
 class ViewStream {
  public:
   // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
-  ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads);
+  // Views that are passed over have no images, unless they are needed.
+  ViewStream(const std::vector<std::unique_ptr<FrameSource>>& sources, ViewMaker maker, int threads,
+             PassedViews passed = {});
   ~ViewStream();
   ViewStream(const ViewStream&) = delete;
   ViewStream& operator=(const ViewStream&) = delete;
@@ -52,6 +61,7 @@ class ViewStream {
 
   FrameSetReader sources_;
   ViewMaker maker_;
+  const PassedViews passed_;
   std::atomic<bool> detect_ahead_ = true;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "raysfm/core/result.h"
+#include "raysfm/saved_map/saved_map.h"
+
+namespace raysfm {
+
+// A saved map with its name for messages.
+struct NamedMap {
+  std::string name;
+  SavedMap map;
+};
+
+// What became of a world of a map that was merged.
+struct MergedWorld {
+  int map = 0, world = 0;  // which it was
+  int into = -1;           // world of the merged map that has it; -1: it had no key frames
+  int points = 0;          // by which it was recognised in a world before it; 0: it was not
+};
+
+// Several maps in one.
+struct MergedMaps {
+  SavedMap map;
+  std::vector<MergedWorld> worlds;  // of all maps, in their order
+};
+
+// Puts the worlds of maps into one map, through the cameras of the first. Worlds that show one place are
+// joined and adjusted as `track` does it; the others stay side by side. `seed` draws samples. Errors: bad
+// input, where the cameras are not the same.
+Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed);
+
+}  // namespace raysfm

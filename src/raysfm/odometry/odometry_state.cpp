@@ -1,0 +1,63 @@
+// What Odometry goes on from after a break.
+#include "raysfm/odometry/odometry.h"
+#include "raysfm/scene/archive_fields.h"
+
+namespace raysfm {
+
+template <typename A>
+void archive_fields(A& a, PointMatch& x) {
+  archive(a, static_cast<TrackPixel&>(x), x.in_anchor);
+}
+
+template <typename A>
+void archive_fields(A& a, Localisation& x) {
+  archive(a, x.ok, x.reason, x.rig_from_world, x.velocity, x.covariance, x.sigma_px, x.matches, x.visible,
+          x.visible_in_anchor, x.matched_with_anchor);
+}
+
+template <typename A>
+void archive_fields(A& a, LocalPoint& x) {
+  archive(a, x.track, x.keyframe, x.feature, x.in_anchor);
+}
+
+template <typename A>
+void archive_fields(A& a, LocalMap& x) {
+  archive(a, x.anchor, x.points);
+}
+
+template <typename A>
+void Odometry::FrameRecord::archive(A& a) {
+  raysfm::archive(a, timestamp, name, reason, segment, keyframe, rig_from_keyframe, covariance, matches);
+}
+
+template <typename A>
+void Odometry::SegmentState::archive(A& a) {
+  raysfm::archive(a, map, views, start, end_reason, calibration, looked_about, newest_place, newest_meeting,
+                  closed, joined_into);
+}
+
+template <typename A>
+void Odometry::Previous::archive(A& a) {
+  raysfm::archive(a, view, pose, velocity, interval);
+}
+
+// Not the views that wait, of which there are none between two pushes, nor what is scratch memory.
+template <typename A>
+void Odometry::archive(A& a) {
+  raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, *starter_, local_,
+                  anchor_points_, anchor_distance_, posed_, settled_before_, places_, closures_);
+  raysfm::archive(a, detect_timing_, start_timing_, calibrate_timing_, frame_timing_, localiser_.match_timing,
+                  localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,
+                  mapper_.adjust_timing);
+}
+
+template void Odometry::archive(StateWriter& a);
+
+bool Odometry::read_state(StateReader& state) {
+  archive(state);
+  if (!state.at_end() || !state.all_views()) return false;
+  if (calibration_ > 0) rig_ = TrackingRig(refiner_.rig(), options_.error);
+  return true;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,127 @@
+#include "raysfm/places/meeting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "raysfm/core/median.h"
+#include "raysfm/places/loop_closing.h"
+
+namespace raysfm {
+namespace {
+
+// What may have drifted on a path: a part of its length, radians, and the logarithm of the scale with every
+// key frame.
+constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.003;
+// Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
+// are only brought together.
+constexpr double kDisagreement = 2;
+// Two places tell the same of two worlds: parts of the distance to the points, radians.
+constexpr double kSameShift = 0.1, kSameTurn = 0.1, kSameScale = 0.2;
+
+// How far from where the key frame sees them the points are that the place has of them: the median, standard
+// deviations.
+double disagreement(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
+  const MapKeyFrame& k = map.keyframes[meeting.here.keyframe];
+  std::vector<double> errors;
+  for (const SamePoint& p : meeting.relation.points) {
+    for (const TrackObservation& o : map.tracks[p.here].observations) {
+      if (o.keyframe != meeting.here.keyframe) continue;
+      const int camera = k.cameras[o.feature];
+      Eigen::Vector2d pixel;
+      const Eigen::Vector3d point =
+          rig.cam_from_rig(camera) * (k.rig_from_world * map.tracks[p.there].position);
+      const bool seen = rig.find(camera, point, &pixel);
+      errors.push_back(seen ? (pixel - k.instant_pixel(o.feature).cast<double>()).norm() /
+                                  octave_side(k.octaves[o.feature])
+                            : INFINITY);
+    }
+  }
+  return median_of(&errors);
+}
+
+// The better known scale is that of the joined world: where it is that of the second, the first goes there.
+// Returns the factor by which.
+double agree_on_scale(const Map& from, Similarity3* first_from_second, Map* into) {
+  if (!(from.scale_sigma < into->scale_sigma)) return 1;
+  const double scale = 1 / first_from_second->scale;
+  transform_map({scale, Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()}, into);
+  into->scale_sigma = from.scale_sigma;
+  *first_from_second = {1, first_from_second->rotation, scale * first_from_second->translation};
+  return scale;
+}
+
+}  // namespace
+
+bool has_same_scale(const TrackingRig& rig, const Map& a, const Map& b) {
+  return !rig.central() && std::max(a.scale_sigma, b.scale_sigma) < kMetricSigma;
+}
+
+std::vector<int> shared_points(const Map& map, int keyframe) {
+  std::vector<int> shared(map.keyframes.size(), 0);
+  for (const int t : map.keyframes[keyframe].tracks) {
+    if (t < 0 || !map.tracks[t].triangulated) continue;
+    int newest = -1;  // a point may be seen in several cameras
+    for (const TrackObservation& o : map.tracks[t].observations) {
+      shared[o.keyframe] += o.keyframe != std::exchange(newest, o.keyframe);
+    }
+  }
+  return shared;
+}
+
+bool is_plausible(const Meeting& meeting, const Map& map) {
+  const std::vector<MapKeyFrame>& keyframes = map.keyframes;
+  const Rigid3& here = keyframes[meeting.here.keyframe].rig_from_world;
+  double path = 0;
+  for (int k = meeting.there.keyframe; k < meeting.here.keyframe; ++k) {
+    path += (keyframes[k].rig_from_world * keyframes[k + 1].rig_from_world.inverse()).translation.norm();
+  }
+  const Rigid3 drift = meeting.place.rig_from_world * here.inverse();
+  const double scale_drift =
+      kLeastScaleDrift + kScaleDrift * (meeting.here.keyframe - meeting.there.keyframe);
+  return drift.translation.norm() < kMostDrift * path && log_so3(drift.rotation).norm() < kMostTurn &&
+         std::abs(std::log(meeting.relation.there_from_here.scale)) < scale_drift;
+}
+
+bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& here) {
+  if (before.here.world != meeting.here.world || before.there.world != meeting.there.world) return false;
+  const MapKeyFrame& k = here.keyframes[meeting.here.keyframe];
+  const Similarity3 &now = meeting.relation.there_from_here, &then = before.relation.there_from_here;
+  const Eigen::Vector3d center = k.rig_from_world.inverse().translation;
+  return (now * center - then * center).norm() < kSameShift * now.scale * median_distance(k, here) &&
+         now.rotation.angularDistance(then.rotation) < kSameTurn &&
+         std::abs(std::log(now.scale / then.scale)) < kSameScale;
+}
+
+bool is_bent(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
+  return disagreement(meeting, rig, map) > kDisagreement;
+}
+
+void straighten(const Meeting& meeting, const TrackingRig& rig, Map* map) {
+  const MapKeyFrame &here = map->keyframes[meeting.here.keyframe],
+                    &there = map->keyframes[meeting.there.keyframe];
+  const Similarity3 there_from_here = similarity_of(there.rig_from_world) * meeting.relation.there_from_here *
+                                      inverse(similarity_of(here.rig_from_world));
+  close_loop({meeting.here.keyframe, meeting.there.keyframe, there_from_here},
+             has_same_scale(rig, *map, *map), map);
+}
+
+JoinedWorlds join_worlds(const Meeting& meeting, WorldMaps worlds) {
+  JoinedWorlds joined;
+  joined.first = std::min(meeting.here.world, meeting.there.world);
+  joined.second = std::max(meeting.here.world, meeting.there.world);
+  joined.here_is_first = meeting.here.world == joined.first;
+  Map &into = *worlds[joined.first], &from = *worlds[joined.second];
+  const Similarity3& there_from_here = meeting.relation.there_from_here;
+  joined.first_from_second = joined.here_is_first ? inverse(there_from_here) : there_from_here;
+  joined.first_rescaled = agree_on_scale(from, &joined.first_from_second, &into);
+  joined.numbers = join_maps(joined.first_from_second, std::exchange(from, {}), &into);
+  joined.points = meeting.relation.points;
+  for (SamePoint& p : joined.points) {
+    (joined.here_is_first ? p.there : p.here) += joined.numbers.first_track_of_second;
+    if (joined.here_is_first) std::swap(p.here, p.there);  // the older track goes on
+  }
+  return joined;
+}
+
+}  // namespace raysfm

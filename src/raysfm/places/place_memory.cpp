@@ -1,0 +1,131 @@
+#include "raysfm/places/place_memory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace raysfm {
+namespace {
+
+constexpr double kSamePlace = 0.3;  // of its described points, that it shares with one that is met again
+constexpr double kConnected = 0.2;  // of its points, that it shares with a place that it is tied to
+// Places looked at closely: those of most votes, where these are more than chance gives: standard deviations
+// of a count.
+constexpr int kMostLookedAt = 3;
+constexpr double kProminent = 5;
+// Logarithm to base 10 of the false alarms of a place that is believed when it fits what is known.
+constexpr double kSignificant = -20;
+// The same place: parts of the distance to the points, radians.
+constexpr double kSamePlaceShift = 0.1, kSamePlaceTurn = 0.1;
+
+}  // namespace
+
+void PlaceMemory::add(const PlaceRef& place, const MapKeyFrame& keyframe) {
+  index_.add(keyframe.descriptors);
+  places_.push_back(place);
+}
+
+std::vector<PlaceRef> PlaceMemory::most_like(const DescribedCorners& seen, int most) const {
+  std::vector<PlaceRef> places;
+  for (const PlaceVotes& v : index_.search(seen.descriptors, {}, most)) places.push_back(places_[v.place]);
+  return places;
+}
+
+std::optional<RecognisedPlace> PlaceMemory::recognise(const DescribedCorners& seen, WorldMaps worlds,
+                                                      const PlaceRef& there, int frame) {
+  return matcher_.recognise(seen, *worlds[there.world], there.keyframe, seed_, static_cast<uint64_t>(frame));
+}
+
+std::optional<Meeting> PlaceMemory::meet(const PlaceRef& here, WorldMaps worlds,
+                                         const std::function<bool(int)>& at_hand) {
+  MapKeyFrame& k = worlds[here.world]->keyframes[here.keyframe];
+  std::optional<Meeting> meeting =
+      look_closely(here, worlds, likely_places(here, *worlds[here.world], at_hand));
+  if (meeting && meeting->there.world == here.world &&
+      static_cast<double>(meeting->relation.points.size()) >
+          kSamePlace * static_cast<double>(k.descriptors.size())) {
+    k.described.clear();  // the other one is as good
+    k.descriptors.clear();
+  } else {
+    add(here, k);
+  }
+  return meeting;
+}
+
+// Those that stand out by their votes.
+std::vector<PlaceVotes> PlaceMemory::likely_places(const PlaceRef& here, const Map& map,
+                                                   const std::function<bool(int)>& at_hand) const {
+  const std::vector<int> shared = shared_points(map, here.keyframe);
+  std::vector<uint8_t> is_known;
+  for (int p = 0; p < size(); ++p) {
+    const PlaceRef& place = places_[p];
+    // The local map has what is near in time, and tracks tie together what was seen without a gap.
+    is_known.push_back(at_hand(p) || (place.world == here.world &&
+                                      shared[place.keyframe] > kConnected * shared[here.keyframe]));
+  }
+  std::vector<PlaceVotes> likely =
+      index_.search(map.keyframes[here.keyframe].descriptors, is_known, kMostLookedAt);
+  const bool is_only_one = std::ranges::count(is_known, 0) == 1;
+  std::erase_if(likely, [&](const PlaceVotes& v) {
+    return !is_only_one && v.votes < v.by_chance + kProminent * std::sqrt(v.by_chance);
+  });
+  return likely;
+}
+
+// Where two places far from each other are recognised alike, the footage repeats itself and neither is
+// believed.
+std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps worlds,
+                                                 const std::vector<PlaceVotes>& likely) {
+  const Map& map = *worlds[here.world];
+  const MapKeyFrame& keyframe = map.keyframes[here.keyframe];
+  const DescribedCorners seen = described_corners(keyframe);
+  std::vector<Meeting> meetings;
+  for (const PlaceVotes& v : likely) {
+    if (auto meeting = compare(here, seen, places_[v.place], worlds)) meetings.push_back(*std::move(meeting));
+  }
+  if (meetings.empty()) return std::nullopt;
+  const auto best = std::ranges::max_element(
+      meetings, {}, [](const Meeting& m) { return static_cast<int>(m.relation.points.size()); });
+  if (best->there.world == here.world && !is_plausible(*best, map)) return std::nullopt;
+  const double distance = best->relation.there_from_here.scale * median_distance(keyframe, map);
+  for (const Meeting& other : meetings) {
+    if (other.there.world != best->there.world) continue;
+    const Rigid3 apart = other.place.rig_from_world * best->place.rig_from_world.inverse();
+    const bool same = apart.translation.norm() < kSamePlaceShift * distance &&
+                      log_so3(apart.rotation).norm() < kSamePlaceTurn;
+    if (!same && 2 * other.relation.points.size() > best->relation.points.size()) return std::nullopt;
+  }
+  return std::move(*best);
+}
+
+std::optional<Meeting> PlaceMemory::compare(const PlaceRef& here, const DescribedCorners& seen,
+                                            const PlaceRef& there, WorldMaps worlds) {
+  const Map &map_here = *worlds[here.world], &map_there = *worlds[there.world];
+  const int frame = map_here.keyframes[here.keyframe].frame;
+  std::optional<RecognisedPlace> place = recognise(seen, worlds, there, frame);
+  if (!place || place->log10_false_alarms > kSignificant) return std::nullopt;
+  std::optional<WorldRelation> relation = relate_worlds(rig_, map_here, here.keyframe, seen, map_there,
+                                                        *place, has_same_scale(rig_, map_here, map_there));
+  if (!relation) return std::nullopt;
+  return Meeting{here, there, *std::move(place), *std::move(relation)};
+}
+
+bool PlaceMemory::is_confirmed(const Meeting& meeting, WorldMaps worlds) {
+  if (meeting.place.log10_false_alarms < kCertainPlace) return true;
+  const std::optional<Meeting> before = std::exchange(hearsay_, meeting);
+  return before && tell_the_same(meeting, *before, *worlds[meeting.here.world]);
+}
+
+void PlaceMemory::renumber(const JoinedWorlds& joined) {
+  renumber(joined.first, joined.first, joined.numbers.keyframe_of_first);
+  renumber(joined.second, joined.first, joined.numbers.keyframe_of_second);
+  hearsay_.reset();
+}
+
+void PlaceMemory::renumber(int world, int into, std::span<const int> keyframes) {
+  for (PlaceRef& place : places_) {
+    if (place.world == world) place = {into, keyframes[place.keyframe]};
+  }
+}
+
+}  // namespace raysfm

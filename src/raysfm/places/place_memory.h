@@ -1,0 +1,84 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "raysfm/places/meeting.h"
+#include "raysfm/places/place_index.h"
+#include "raysfm/scene/archive_fields.h"
+
+namespace raysfm {
+
+// Logarithm to base 10 of the false alarms of a place that needs no other to confirm it.
+constexpr double kCertainPlace = -40;
+
+template <typename A>
+void archive_fields(A& a, RecognisedPlace& x) {
+  archive(a, x.keyframe, x.rig_from_world, x.covariance, x.matches, x.log10_false_alarms);
+}
+template <typename A>
+void archive_fields(A& a, WorldRelation& x) {
+  archive(a, x.there_from_here, x.log_scale_sigma, x.points);
+}
+template <typename A>
+void archive_fields(A& a, Meeting& x) {
+  archive(a, x.here, x.there, x.place, x.relation);
+}
+
+// The places of all worlds, and what is recognised among them. Owns scratch memory.
+class PlaceMemory {
+ public:
+  // The rig outlives this. `seed` draws the samples.
+  PlaceMemory(const TrackingRig& rig, uint64_t seed) : matcher_(rig), rig_(rig), seed_(seed) {}
+
+  // A described key frame.
+  void add(const PlaceRef& place, const MapKeyFrame& keyframe);
+
+  int size() const { return index_.size(); }
+  // By number, in the order in which they were added.
+  const PlaceRef& place(int number) const { return places_[number]; }
+
+  // The places most like what is seen, of all worlds, best first.
+  std::vector<PlaceRef> most_like(const DescribedCorners& seen, int most) const;
+
+  // Whether a place is what is seen at a frame.
+  std::optional<RecognisedPlace> recognise(const DescribedCorners& seen, WorldMaps worlds,
+                                           const PlaceRef& there, int frame);
+
+  // Looks whether a described key frame shows a place that is known already: of another world, or of its own
+  // where no points tie the two together. Places that are `at_hand`, by their number, are not looked for.
+  // Then the key frame becomes a place; or, where one of its world is as good, loses its descriptors.
+  std::optional<Meeting> meet(const PlaceRef& here, WorldMaps worlds,
+                              const std::function<bool(int)>& at_hand);
+
+  // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.
+  bool is_confirmed(const Meeting& meeting, WorldMaps worlds);
+
+  // After join_worlds().
+  void renumber(const JoinedWorlds& joined);
+
+  template <typename A>
+  void archive(A& a) {
+    raysfm::archive(a, index_, places_, hearsay_);
+  }
+
+ private:
+  void renumber(int world, int into, std::span<const int> keyframes);
+  std::vector<PlaceVotes> likely_places(const PlaceRef& here, const Map& map,
+                                        const std::function<bool(int)>& at_hand) const;
+  std::optional<Meeting> look_closely(const PlaceRef& here, WorldMaps worlds,
+                                      const std::vector<PlaceVotes>& likely);
+  std::optional<Meeting> compare(const PlaceRef& here, const DescribedCorners& seen, const PlaceRef& there,
+                                 WorldMaps worlds);
+
+  PlaceMatcher matcher_;
+  PlaceIndex index_;
+  std::vector<PlaceRef> places_;    // by their number in the index
+  std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
+  const TrackingRig& rig_;
+  uint64_t seed_;
+};
+
+}  // namespace raysfm
