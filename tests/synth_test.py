@@ -68,7 +68,7 @@ class Recipes(ProgramTest):
                 self.assertAlmostEqual(sum((p - q) ** 2 for p, q in zip(a[1:], b[1:])) ** 0.5, 0.1, places=6)
 
     def test_flags_win_and_the_effective_configuration_renders_the_same(self):
-        first = self.render("lba09-3-stereo", 2, "--noise", 3, "--rolling-shutter", 0.02)
+        first = self.render("lba09-3-stereo", 2, "--noise", 3, "--readout", 20)
         config = (first / "synth.yaml").read_text()
         self.assertIn("frames: 2", config)
         self.assertIn("noise: 3", config)
@@ -91,7 +91,7 @@ class Rigs(ProgramTest):
         self.refused("synth", *options, bad, "--out", self.folder / "bad", says=["camera b", "roi"])
 
     def test_bad_numbers(self):
-        for option, value in [("--rolling-shutter", -1), ("--frames", -2), ("--fps", -1), ("--samples", 3), ("--zoom", 100), ("--rounds", 0)]:
+        for option, value in [("--readout", -1), ("--frames", -2), ("--fps", -1), ("--samples", 3), ("--zoom", 100), ("--rounds", 0)]:
             self.refused("synth", "room", option, value, "--out", self.folder / "out", says=[option.strip("-"), value])
         self.refused("synth", "room", "--motion", "straight", "--length", 9, "--out", self.folder / "out", says=["length", "3.2"])
 

@@ -262,6 +262,10 @@ class BadInput(TrackTest):
     def refuses(self, *arguments, says, camera=None, **options):
         self.refused("track", *arguments, "--camera", camera or self.camera, "--out", self.out, says=says, **options)
 
+    def test_rolling_shutter(self):
+        for told in ["-1", "1001", "fast", "nan", ""]:
+            self.refuses(self.source, f"--rolling-shutter={told}", says=["--rolling-shutter", f"'{told}'", "0 to 1000"])
+
     def test_input(self):
         missing = self.folder / "missing"
         self.refuses(missing, says=[missing, "no such file"])

@@ -34,6 +34,7 @@ void on_signal(int signal) {
 struct Arguments {
   synth::SequenceOptions sequence;
   int threads = 0;
+  double readout = 0;  // milliseconds
   std::string out, camera;
   bool list = false;
 };
@@ -54,7 +55,7 @@ std::vector<SettingField> setting_fields(Arguments& a) {
       {"rounds", "how often motion loop goes round its circuit", &o.rounds, {}},
       {"noise", "standard deviation of the noise, grey levels", &o.render.noise, {}},
       {"blur", "seconds the shutter stays open", &o.render.shutter, {}},
-      {"rolling-shutter", "seconds from the first row of an image to the last", &o.render.readout, {}},
+      {"readout", "milliseconds from the first row of an image to the last; 0: all at once", &a.readout, {}},
       {"samples", "rays per pixel: 1, 4, 9 or 16", &o.render.samples, {}},
       {"seed", "seed of every random choice", &o.seed, {}},
       {"threads", "worker threads; 0 for as many as the machine has", &a.threads, {}},
@@ -149,8 +150,10 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 
+  arguments.sequence.render.readout = arguments.readout / 1000;
   auto sequence = synth::Sequence::create(arguments.sequence, *rig, pool);
   if (!sequence) return sequence.error();
+  for (Camera& camera : rig->cameras) camera.shutter = {arguments.sequence.render.readout};
   Result<SynthOutput> output = SynthOutput::create(*std::move(rig), arguments.out);
   if (!output) return output.error();
   const Clock::time_point start = Clock::now();

@@ -26,7 +26,7 @@ Result<void> check(const SequenceOptions& o) {
   }
   if (!within(o.render.noise, 0, 100)) return refused("noise", o.render.noise, "0 to 100 grey levels are");
   if (!within(o.render.readout, 0, 10)) {
-    return refused("rolling-shutter", o.render.readout, "0 to 10 seconds are");
+    return refused("readout", 1000 * o.render.readout, "0 to 10000 milliseconds are");
   }
   if (!within(o.render.shutter, 0, 10)) return refused("blur", o.render.shutter, "0 to 10 seconds are");
   if (!within(o.zoom, 0.1, 10)) return refused("zoom", o.zoom, "0.1 to 10 are");
