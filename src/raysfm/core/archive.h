@@ -154,8 +154,9 @@ template <typename A, typename T>
 void archive_value(A& a, std::optional<T>& value) {
   bool is_there = value.has_value();
   archive_value(a, is_there);
-  if constexpr (A::kReads) value = is_there ? std::optional<T>(std::in_place) : std::nullopt;
+  if constexpr (A::kReads) value = T{};
   if (is_there) archive_value(a, *value);
+  if (!is_there) value.reset();
 }
 
 // Writes or reads one value after another.
