@@ -67,7 +67,8 @@ TEST_P(ScanOffset, LeadsFromTheInstantToTheTimeOfThePixel) {
     }
     return 0.0;
   };
-  for (const Eigen::Vector2d corner : {Eigen::Vector2d(20, 30), {600, 40}, {50, 440}, {610, 450}}) {
+  const std::vector<Eigen::Vector2d> corners = {{20, 30}, {600, 40}, {50, 440}, {610, 450}};
+  for (const Eigen::Vector2d& corner : corners) {
     Ray ray;
     ASSERT_TRUE(camera.ray(corner, &ray));
     const Eigen::Vector3d in_rig = camera.rig_from_cam * (2.5 * ray.direction);
