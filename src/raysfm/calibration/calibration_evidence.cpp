@@ -339,10 +339,11 @@ class Measurement {
     const Eigen::VectorXd prior =
         e.cost / std::max(1, e.observations) * parameters_.prior_information()(free);
     const Eigen::MatrixXd prior_matrix = prior.asDiagonal();
+    const Eigen::MatrixXd information = e.information(free, free) + prior_matrix;
+    const Eigen::VectorXd right = -e.gradient(free) - prior_matrix * e.at(free);
+    const Eigen::VectorXd step_of_free = information.ldlt().solve(right);
     Eigen::VectorXd step = Eigen::VectorXd::Zero(parameters_.size());
-    step(free) = (e.information(free, free) + prior_matrix)
-                     .ldlt()
-                     .solve(-e.gradient(free) - prior_matrix * e.at(free));
+    step(free) = step_of_free;
     return step;
   }
 

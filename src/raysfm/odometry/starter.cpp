@@ -259,7 +259,7 @@ std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& view
     for (int f = 0; f < from_first_[c].base().features.size(); ++f) {
       if (second[f] < 0 || third[f] < 0) continue;
       const int features[3] = {f, second[f], third[f]};
-      Match match{c, f, {}, {}};
+      Match match{c, f, {}, {}, {}};
       for (int v = 0; v < 3; ++v) {
         const Features& of_view = views_[views[v]].view->cameras[c].features;
         match.seen[v] = {-1, static_cast<uint8_t>(c), of_view.octaves[features[v]],
