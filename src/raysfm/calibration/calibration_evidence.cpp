@@ -330,20 +330,18 @@ class Measurement {
     return evidence;
   }
 
-  // To the calibration that these observations and the prior make most likely; readouts may be held.
+  // To the calibration that these observations and the prior make most likely; readouts, which come last, may
+  // be held.
   Eigen::VectorXd best_step(const CalibrationEvidence& e, bool hold_readouts) const {
-    std::vector<int> free;
-    for (int j = 0; j < parameters_.size(); ++j) {
-      if (!hold_readouts || std::ranges::find(readouts_, j) == readouts_.end()) free.push_back(j);
-    }
+    const Eigen::Index m = parameters_.size();
+    const Eigen::Index n = hold_readouts ? m - static_cast<Eigen::Index>(readouts_.size()) : m;
     const Eigen::VectorXd prior =
-        e.cost / std::max(1, e.observations) * parameters_.prior_information()(free);
+        e.cost / std::max(1, e.observations) * parameters_.prior_information().head(n);
     const Eigen::MatrixXd prior_matrix = prior.asDiagonal();
-    const Eigen::MatrixXd information = e.information(free, free) + prior_matrix;
-    const Eigen::VectorXd right = -e.gradient(free) - prior_matrix * e.at(free);
-    const Eigen::VectorXd step_of_free = information.ldlt().solve(right);
-    Eigen::VectorXd step = Eigen::VectorXd::Zero(parameters_.size());
-    step(free) = step_of_free;
+    const Eigen::MatrixXd information = e.information.topLeftCorner(n, n) + prior_matrix;
+    const Eigen::VectorXd right = -e.gradient.head(n) - prior_matrix * e.at.head(n);
+    Eigen::VectorXd step = Eigen::VectorXd::Zero(m);
+    step.head(n) = information.ldlt().solve(right);
     return step;
   }
 
