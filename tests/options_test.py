@@ -53,7 +53,7 @@ class Options(ProgramTest):
 
     def test_bash_completes(self):
         self.assertEqual(self.completed("tr"), {"track"})
-        self.assertEqual(self.completed("camera", ""), {"show", "convert", "check"} | {w for w in self.completed("camera", "-")})
+        self.assertEqual(self.completed("camera", ""), {"show", "convert", "check", "calibrate"} | {w for w in self.completed("camera", "-")})
         self.assertEqual(self.completed("track", "video.mp4", "--refine-lens", ""), {"auto", "on", "off"})
         self.assertEqual(self.completed("track", "video.mp4", "--refine-lens", "o"), {"on", "off"})
         self.assertEqual(self.completed("track", ""), set())  # files, which bash itself knows

@@ -107,7 +107,7 @@ bool is_readout(const RigParameters& parameters, int i) {
 CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
                                       CalibrationEvidence evidence) {
   constexpr double kHeld = 1e-9;
-  if (readout < 0) evidence.scatter = evidence.lens_scatter;
+  if (readout < 0 && parameters.has_readout()) evidence.scatter = evidence.lens_scatter;
   Eigen::VectorXd sigma(parameters.size());
   for (int i = 0; i < parameters.size(); ++i) {
     sigma[i] = parameters[i].prior_sigma;
