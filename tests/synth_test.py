@@ -32,7 +32,7 @@ class Recipes(ProgramTest):
 
     def test_every_recipe_is_rendered(self):
         streams = {"dual-fisheye": 2, "fisheye-ring": 4, "tri-rig-look": 3, "tri-rig-straight": 3, "rig-scale-dual": 2,
-                   "rig-scale-ring": 4, "rig-scale-stereo": 2, "rig-scale-tri": 3}
+                   "rig-scale-ring": 4, "rig-scale-stereo": 2, "rig-scale-tri": 3, "town-stereo": 2, "town-tri": 3}
         masks = {"dual-fisheye": 2, "fisheye-ring": 4, "lba09-2-mirror": 1, "rig-scale-dual": 2, "town-fisheye": 1, "town-mirror": 1}
         sizes = {"lba09-1-pinhole": (512, 384), "lba09-2-mirror": (464, 464), "lba09-3-stereo": (1280, 480)}
         recipes = sorted(path.stem for path in RECIPES.glob("*.yaml"))
