@@ -90,8 +90,12 @@ void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double dis
   // Offsets of the patch that a circle of the target's octave comes from.
   const Eigen::Matrix2d offsets = std::sqrt(kPatchMoment) * query->keyframe_from_target.cast<double>();
   const Eigen::Matrix<double, 3, 2> surface = keyframe.point_jacobians[query->feature].cast<double>();
-  const Eigen::Vector3d point = point_on_ray(keyframe, query->feature, distance);
+  Eigen::Vector3d point = point_on_ray(keyframe, query->feature, distance);
   const Eigen::Vector3d normal = surface.col(0).cross(surface.col(1));
+  if (Ray seen; rig.scans() && camera.ray(pixel, &seen)) {
+    // Where a shutter rolls the key frame's ray is not that of its pixel: the patch is bent about the latter.
+    point = seen.origin + normal.dot(point - seen.origin) / normal.dot(seen.direction) * seen.direction;
+  }
   Eigen::Vector2d centre, bend = Eigen::Vector2d::Zero();
   if (!rig.find(query->camera, target_from_source * point, &centre)) return;
   for (const double side : {-1.0, 1.0}) {

@@ -1,7 +1,6 @@
 // How Odometry comes by a better calibration.
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "raysfm/geometry/interpolation.h"
 #include "raysfm/odometry/odometry.h"
@@ -35,7 +34,7 @@ void Odometry::refine_calibration(int number, bool last) {
     if (round > 0) better = refiner_.better();
     if (!better) return;
     ++calibration_;
-    rig_ = TrackingRig(*std::move(better), options_.error);
+    rig_ = TrackingRig(*better, options_.error);
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted));
     const bool again = refiner_.take_over();
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
