@@ -17,6 +17,8 @@ constexpr int kMinInliers = 20;
 // most alike. From a pose that is only as exact as pixels of that octave, kitchens come out 8 % worse: the
 // same points are aligned once more.
 constexpr int kFirstPoints = 150, kCoarser = 2;
+// Octaves above that in which a patch looks most alike, in a blurred view, and points for a first pose of it.
+constexpr int kMostCoarser = 2, kFirstPointsBlurred = 400;
 constexpr PatchAlignmentOptions kFirstAlignment{
     .max_iterations = 10, .stop_px = 0.1f, .max_shift_px = 5, .min_zncc = kMinPoseZncc};
 constexpr PatchAlignmentOptions kAlignment{.min_zncc = kMinPoseZncc};
@@ -239,9 +241,9 @@ Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackP
 }
 
 // Observations of some points from a predicted pose, some octaves above those in which they look most alike.
-void Localiser::align_some(int coarser, const Map& map, std::span<const KeyFrameView> views,
+void Localiser::align_some(int coarser, int most, const Map& map, std::span<const KeyFrameView> views,
                            const LocalMap& local, const View& view, const Rigid3& rig_from_world) {
-  predict(map, views, local, view, rig_from_world, 0, kFirstPoints);
+  predict(map, views, local, view, rig_from_world, 0, most);
   starts_.clear();
   for (PatchQuery& q : queries_) {
     coarsen(*view.cameras[q.camera].octaves, coarser, &q);
@@ -256,7 +258,7 @@ void Localiser::align_some(int coarser, const Map& map, std::span<const KeyFrame
 
 // Sub-pixel places of the queries that were not found before.
 void Localiser::align_open_queries(std::span<const KeyFrameView> views, const View& view,
-                                   std::span<const PointMatch> found) {
+                                   std::span<const PointMatch> found, Focus focus) {
   const auto key = [](const TrackPixel& m) { return std::pair(m.track, m.camera); };
   known_.assign(found.begin(), found.end());
   std::ranges::sort(known_, {}, key);
@@ -278,17 +280,37 @@ void Localiser::align_open_queries(std::span<const KeyFrameView> views, const Vi
   }
   matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_);
   for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
+  if (focus == Focus::kBlurred) align_blurred(views, view);
+}
+
+// Of the queries those that were not found, in coarser and coarser octaves.
+void Localiser::align_blurred(std::span<const KeyFrameView> views, const View& view) {
+  for (int coarser = 1; coarser <= kMostCoarser; ++coarser) {
+    open_.clear();
+    open_queries_.clear();
+    starts_.clear();
+    for (size_t i = 0; i < queries_.size(); ++i) {
+      if (alignments_[i].converged) continue;
+      open_.push_back(static_cast<int>(i));
+      open_queries_.push_back(queries_[i]);
+      starts_.push_back(queries_[i].predicted);
+      coarsen(*view.cameras[queries_[i].camera].octaves, coarser, &open_queries_.back());
+    }
+    matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_, FinerOctaves::kLeft);
+    for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
+  }
 }
 
 // Sub-pixel places of all visible points about a first pose, and the pose that they give.
 bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                      const View& view, std::span<const PointMatch> found) {
+                      const View& view, std::span<const PointMatch> found, Focus focus) {
   {
     ScopedTimer timer(align_timing);
     predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
-    align_open_queries(views, view, found);
+    align_open_queries(views, view, found, focus);
     aligned_.clear();
     aligned_point_.clear();
+    aligned_coarser_.clear();
     clear_observations();
     for (size_t i = 0; i < queries_.size(); ++i) {
       const PatchQuery& q = queries_[i];
@@ -297,6 +319,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
       if (!add_observation(map, seen, estimate_.rig_from_world)) continue;
       aligned_.push_back({seen, local.points[q.point].in_anchor});
       aligned_point_.push_back(q.point);
+      aligned_coarser_.push_back(seen.octave > q.octave);
     }
   }
   return refine_estimate();
@@ -315,6 +338,7 @@ bool Localiser::refine_estimate() {
 void Localiser::count(const LocalMap& local, bool aligned, Localisation* out) {
   constexpr uint8_t kVisible = 1, kMatched = 2;
   counted_.assign(local.points.size(), 0);
+  out->anchor_points = static_cast<int>(std::ranges::count_if(local.points, &LocalPoint::in_anchor));
   for (const PatchQuery& q : queries_) {
     if (counted_[q.point] != 0) continue;
     counted_[q.point] = kVisible;
@@ -324,6 +348,7 @@ void Localiser::count(const LocalMap& local, bool aligned, Localisation* out) {
   for (size_t i = 0; aligned && i < aligned_.size(); ++i) {
     if (!estimate_.inlier[i]) continue;
     out->matches.push_back(aligned_[i]);
+    out->blurred += aligned_coarser_[i];
     uint8_t& counted = counted_[aligned_point_[i]];
     out->matched_with_anchor += aligned_[i].in_anchor && counted != kMatched;
     counted = kMatched;
@@ -352,17 +377,25 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
 }
 
 Localisation Localiser::follow(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                               const View& view, const Rigid3& predicted) {
+                               const View& view, const Rigid3& predicted, Focus focus) {
+  const bool blurred = focus == Focus::kBlurred;
+  const int finest = blurred ? kMostCoarser : 0;
   Rigid3 rig_from_world = predicted;
-  for (const int coarser : {kCoarser, 0}) {
+  for (int coarser = finest + kCoarser; coarser >= finest; coarser -= blurred ? 1 : kCoarser) {
     {
       ScopedTimer timer(match_timing);
-      align_some(coarser, map, views, local, view, rig_from_world);
+      align_some(coarser, blurred ? kFirstPointsBlurred : kFirstPoints, map, views, local, view,
+                 rig_from_world);
     }
-    if (!estimate(&rig_from_world, view.frame, kAlignedError)) return {};
-    rig_from_world = estimate_.rig_from_world;
+    const bool posed = estimate(&rig_from_world, view.frame, kAlignedError);
+    // A blur that is wide in this octave gives a few poses by chance.
+    if (posed && (!blurred || 2 * estimate_.inlier_count >= static_cast<int>(points_.size()))) {
+      rig_from_world = estimate_.rig_from_world;
+    } else if (!blurred || coarser == finest) {
+      return {};
+    }
   }
-  return align_all(map, views, local, view);
+  return align_all(map, views, local, view, {}, focus);
 }
 
 Localisation Localiser::follow_again(const Map& map, std::span<const KeyFrameView> views,
@@ -378,9 +411,9 @@ Localisation Localiser::follow_again(const Map& map, std::span<const KeyFrameVie
 }
 
 Localisation Localiser::align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                                  const View& view, std::span<const PointMatch> found) {
+                                  const View& view, std::span<const PointMatch> found, Focus focus) {
   Localisation out;
-  out.ok = align(map, views, local, view, found);
+  out.ok = align(map, views, local, view, found, focus);
   count(local, out.ok, &out);
   if (!out.ok) {
     out.reason = fmt::format("{} of {} visible points aligned, {} agree on a pose", points_.size(),

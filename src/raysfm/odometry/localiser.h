@@ -51,6 +51,12 @@ struct SearchRange {
       0;  // of the local map that are matched with corners, about; the others wait for the pose
 };
 
+// What patches of a view are compared in.
+enum class Focus : uint8_t {
+  kSharp,    // the octave in which they are as large as they were, or a finer one
+  kBlurred,  // a coarser one too, where that shows nothing: the view may have moved while it was exposed
+};
+
 // Pose of a frame against the map, or why there is none.
 struct Localisation {
   bool ok = false;
@@ -61,8 +67,12 @@ struct Localisation {
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
   int visible = 0;                  // points of the local map that a camera of the frame should see
-  int visible_in_anchor = 0;        // those of them that the anchor sees
+  int anchor_points = 0;            // of the local map that the anchor sees
+  int visible_in_anchor = 0;        // those of them that are visible
   int matched_with_anchor = 0;      // of these, those found again
+  int blurred = 0;                  // of the matches: seen in coarser octaves alone
+
+  bool is_blurred() const { return 2 * blurred > static_cast<int>(matches.size()); }
 };
 
 // Pose of a frame (LBA09 2.3): match with the map guided by a predicted pose, RANSAC, sub-pixel alignment,
@@ -82,7 +92,7 @@ class Localiser {
   // The same without corners, for a view that is near its prediction: patches of some points are aligned for
   // a first pose.
   Localisation follow(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                      const View& view, const Rigid3& predicted_rig_from_world);
+                      const View& view, const Rigid3& predicted_rig_from_world, Focus focus = Focus::kSharp);
 
   // The same for a view that was localised before the map changed. What was found in it is not looked for
   // again, and tells the first pose.
@@ -111,14 +121,16 @@ class Localiser {
   bool add_observation(const Map& map, const TrackPixel& seen, const Rigid3& about);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
-  void align_some(int coarser, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                  const View& view, const Rigid3& rig_from_world);
+  void align_some(int coarser, int most, const Map& map, std::span<const KeyFrameView> views,
+                  const LocalMap& local, const View& view, const Rigid3& rig_from_world);
   Localisation align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                         const View& view, std::span<const PointMatch> found = {});
+                         const View& view, std::span<const PointMatch> found = {},
+                         Focus focus = Focus::kSharp);
   bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view,
-             std::span<const PointMatch> found);
+             std::span<const PointMatch> found, Focus focus);
   void align_open_queries(std::span<const KeyFrameView> views, const View& view,
-                          std::span<const PointMatch> found);
+                          std::span<const PointMatch> found, Focus focus);
+  void align_blurred(std::span<const KeyFrameView> views, const View& view);
   void count(const LocalMap& local, bool aligned, Localisation* out);
   bool refine_estimate();
 
@@ -143,6 +155,7 @@ class Localiser {
   std::vector<float> sigmas_;       // pixels
   std::vector<uint8_t> counted_;    // by point of the local map
   std::vector<int> aligned_point_;  // of the local map
+  std::vector<uint8_t> aligned_coarser_;
   std::vector<PointMatch> aligned_;
 };
 

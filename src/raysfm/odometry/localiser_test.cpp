@@ -80,6 +80,52 @@ TEST_F(LocaliserTest, FollowsAViewWithoutCorners) {
   EXPECT_FALSE(follow(5).ok) << "55 pixels off";
 }
 
+// A picture taken while the rig turned by `turn` in all, about `pose`.
+ViewPtr film_turning(const PanelWorld& world, const Camera& camera, const Rigid3& pose,
+                     const Eigen::Vector3d& turn) {
+  constexpr int kInstants = 25;
+  Rng rng(3);
+  std::vector<int> sums;
+  GrayImage image;
+  for (int i = 0; i < kInstants; ++i) {
+    Eigen::Matrix<double, 6, 1> moved = Eigen::Matrix<double, 6, 1>::Zero();
+    moved.tail<3>() = (double(i) / (kInstants - 1) - 0.5) * turn;
+    image = testing_support::picture(world, camera, retract(pose, moved), rng);
+    sums.resize(static_cast<size_t>(image.width()) * image.height());
+    for (int y = 0; y < image.height(); ++y) {
+      for (int x = 0; x < image.width(); ++x) sums[y * image.width() + x] += image.row(y)[x];
+    }
+  }
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) {
+      image.row(y)[x] = static_cast<uint8_t>((sums[y * image.width() + x] + kInstants / 2) / kInstants);
+    }
+  }
+  return testing_support::as_view(std::move(image), 3);
+}
+
+// The pose is that of the middle of the exposure.
+TEST_F(LocaliserTest, FollowsAViewThatMovedWhileItWasExposed) {
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const Eigen::Vector3d turn(0.03, 0.055, 0.012);  // about 18 pixels
+  const ViewPtr view = film_turning(world_, truth_.rig.camera(0), pose, turn);
+  const auto follow = [&](Focus focus) {
+    return localiser_.follow(truth_.map, truth_.views, local_, *view, retract(pose, kPredictionError), focus);
+  };
+  const Localisation sharp = follow(Focus::kSharp), found = follow(Focus::kBlurred);
+  ASSERT_TRUE(found.ok) << found.reason;
+  EXPECT_GT(found.matches.size(), 1.25 * static_cast<double>(sharp.matches.size()));
+  EXPECT_GT(found.blurred, 50);
+  EXPECT_EQ(sharp.blurred, 0);
+  const Eigen::Matrix<double, 6, 1> error = error_of(pose, found.rig_from_world);
+  EXPECT_LT(error.tail<3>().norm(), 0.1 * turn.norm());
+  EXPECT_LT(error.head<3>().norm(), 0.03);
+  const auto size_of = [](const Matrix6d& c) { return std::sqrt(c.topLeftCorner<3, 3>().trace()); };
+  const ViewPtr still = film(world_, truth_.rig.camera(0), pose, 3);
+  const Localisation in_focus = localiser_.follow(truth_.map, truth_.views, local_, *still, pose);
+  EXPECT_GT(size_of(found.covariance), 2 * size_of(in_focus.covariance));
+}
+
 // Half of what was found, told again 0.4 pixels to the right, is taken as it is and turns the camera.
 TEST_F(LocaliserTest, WhatWasFoundBeforeIsNotLookedForAgain) {
   const Rigid3 pose = true_pose(truth_.rig, 2.8);

@@ -35,6 +35,9 @@ constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth it
 // Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
+// Parts of the points of the anchor: as long as this one is in sight, no blurred view becomes a key frame,
+// and this one must be, or the pose of a blurred view is not believed.
+constexpr double kMostlyInSight = 0.75, kLeastInSight = 0.3;
 constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little is matched
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
@@ -59,6 +62,11 @@ bool convincing(const Localisation& pose) {
 // more points agree, the less it is by chance.
 bool recognised(const Localisation& pose, const OdometryOptions& options) {
   return convincing(pose) || (believable(pose) && 4 * pose.matched_with_anchor >= options.min_matches);
+}
+
+// A pose from large patches alone may be one by chance, far from the anchor.
+bool in_sight(const Localisation& pose) {
+  return pose.ok && pose.visible_in_anchor >= kLeastInSight * pose.anchor_points;
 }
 
 // A key frame as if it had been localised, with its own observations.
@@ -186,6 +194,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
   active_ = static_cast<int>(segments_.size()) - 1;
+  last_seen_.reset();
   segment().calibration = calibration_;
   observer_->world_started({world(), start.summary});
   pose_start_frames(start, views);
@@ -309,9 +318,9 @@ void Odometry::pose_copies(const std::vector<WaitingView>& views) {
   }
 }
 
-// Rotation of the rig since the previous view as the motion of the whole image tells it.
-Rigid3 Odometry::turned(const View& view) const {
-  const CoarseMotion motion = coarse_motion(previous_->view->cameras[0], view.cameras[0]);
+// Rotation of the rig since a view before as the motion of the whole image tells it.
+Rigid3 Odometry::turned(const View& before_view, const View& view) const {
+  const CoarseMotion motion = coarse_motion(before_view.cameras[0], view.cameras[0]);
   const Camera& camera = rig_.camera(0);
   const Eigen::Vector2d center(0.5 * (camera.width - 1), 0.5 * (camera.height - 1));
   Ray before, after;
@@ -323,33 +332,49 @@ Rigid3 Odometry::turned(const View& view) const {
 }
 
 // Where the motion before leads by the time of a view.
-Rigid3 Odometry::moved_on(const View& view) const {
+Rigid3 Odometry::moved_on(const Previous& from, const View& view) {
   constexpr double kMostIntervals = 4;  // beyond them nothing is known of it
-  const Rigid3& still = previous_->pose.rig_from_world;
-  if (!(previous_->interval > 0)) return still;
-  const double intervals = (view.timestamp - previous_->view->timestamp) / previous_->interval;
-  return part_of(previous_->velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
+  const Rigid3& still = from.pose.rig_from_world;
+  if (!(from.interval > 0)) return still;
+  const double intervals = (view.timestamp - from.view->timestamp) / from.interval;
+  return part_of(from.velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
 }
 
 // Most frames are where their predecessors lead and need no corners.
 Localisation Odometry::localise(ViewPtr* view) {
   localiser_.set_velocity(previous_->pose.velocity);
-  Localisation pose = localiser_.follow(segment().map, segment().views, local_, **view, moved_on(**view));
+  Localisation pose =
+      localiser_.follow(segment().map, segment().views, local_, **view, moved_on(*previous_, **view));
   if (convincing(pose)) return pose;
   *view = detected(*view);
   return search(**view);
 }
 
 Localisation Odometry::search(const View& view) {
-  const Rigid3 still = previous_->pose.rig_from_world, moving = moved_on(view);
+  const Rigid3 still = previous_->pose.rig_from_world, moving = moved_on(*previous_, view);
   Localisation best;
   for (int attempt = 0; attempt < 4; ++attempt) {
-    const Rigid3 predicted = attempt == 1 ? turned(view) * still : attempt == 3 ? still : moving;
+    const Rigid3 predicted = attempt == 1   ? turned(*previous_->view, view) * still
+                             : attempt == 3 ? still
+                                            : moving;
     const Effort& effort = attempt == 0 ? kNear : attempt == 3 ? kBlind : kWide;
     Localisation pose =
         localiser_.localise(segment().map, segment().views, local_, view, predicted, range_of(effort, view));
     if (convincing(pose)) return pose;
     if (!best.ok || (pose.ok && pose.matches.size() > best.matches.size())) best = std::move(pose);
+  }
+  return search_blurred(view, std::move(best));
+}
+
+// What moved while it was exposed shows its corners no more, but larger things still.
+Localisation Odometry::search_blurred(const View& view, Localisation best) {
+  const Rigid3 turned_on = turned(*previous_->view, view) * previous_->pose.rig_from_world;
+  for (const Rigid3& predicted : {best.ok ? best.rig_from_world : moved_on(*previous_, view), turned_on}) {
+    Localisation pose =
+        localiser_.follow(segment().map, segment().views, local_, view, predicted, Focus::kBlurred);
+    if (!in_sight(pose)) continue;
+    if (convincing(pose)) return pose;
+    if (pose.matches.size() > best.matches.size()) best = std::move(pose);
   }
   return best;
 }
@@ -365,7 +390,7 @@ void Odometry::track(ViewPtr view) {
   }
   follow_scan(*view, &pose);
   const bool needed = needs_keyframe(pose);
-  if (needed && segment().map.keyframes.back().frame != previous_->view->frame) {
+  if (needed && is_due(previous_->pose) && segment().map.keyframes.back().frame != previous_->view->frame) {
     Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
     previous_->view = detected(previous_->view);
     if (rig_.scans()) {
@@ -381,12 +406,18 @@ void Odometry::track(ViewPtr view) {
       return;
     }
     follow_scan(*view, &pose);
-  } else if (needed || has_moved_on(view->frame, pose)) {
+  } else if ((needed || has_moved_on(view->frame, pose)) && is_due(pose)) {
     view = detected(view);
     promote(view, pose);
     pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
   }
   accept(view, std::move(pose));
+}
+
+// A blurred view makes a poor key frame: a better one is waited for, while most of the anchor is in sight.
+bool Odometry::is_due(const Localisation& pose) {
+  return !pose.is_blurred() || !convincing(pose) ||
+         pose.visible_in_anchor < kMostlyInSight * pose.anchor_points;
 }
 
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
@@ -526,13 +557,14 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   explain_blindness(*view);
   observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
   look_about(static_cast<int>(segment().map.keyframes.size()));
-  previous_.reset();
+  last_seen_ = std::exchange(previous_, std::nullopt);
   starter_.emplace(rig_, options_);
   if (options_.starts_worlds) start(view);
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
   localiser_.set_velocity(Velocity::Zero());
+  if (find_again(view)) return true;
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
   if (segment().views[newest].view) {
@@ -543,6 +575,24 @@ bool Odometry::relocalise(const ViewPtr& view) {
   }
   if (recall(view)) return true;
   frames_[view->frame].reason = (posed_ > 0 ? "track lost: " : "") + segment().end_reason;
+  return false;
+}
+
+// The view as if track had gone on from the last posed one: that it was lost may have been a matter of blur.
+bool Odometry::find_again(const ViewPtr& view) {
+  if (!last_seen_) return false;
+  const FrameRecord& frame = frames_[last_seen_->view->frame];
+  if (frame.segment != active_ || !segment().views[frame.keyframe].view) return false;
+  last_seen_->pose.rig_from_world = present_pose(frame, segment().map);
+  const LocalMap local = make_local_map(segment().map, segment().views, rig_, frame.keyframe, kReach);
+  const Rigid3 turned_on = turned(*last_seen_->view, *view) * last_seen_->pose.rig_from_world;
+  for (const Rigid3& predicted : {turned_on, moved_on(*last_seen_, *view)}) {
+    Localisation pose =
+        localiser_.follow(segment().map, segment().views, local, *view, predicted, Focus::kBlurred);
+    if (!in_sight(pose) || !recognised(pose, options_)) continue;
+    resume(view, frame.keyframe, std::move(pose));
+    return true;
+  }
   return false;
 }
 
@@ -561,6 +611,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
 // Track goes on from a key frame of the active world.
 void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   observer_->track_found({view->frame, world(), keyframe});
+  last_seen_.reset();
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);

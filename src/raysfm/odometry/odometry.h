@@ -152,10 +152,13 @@ class Odometry {
                  Rigid3* rig_from_world);
   void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);
   void track(ViewPtr view);
-  Rigid3 moved_on(const View& view) const;
+  static Rigid3 moved_on(const Previous& from, const View& view);
   Localisation localise(ViewPtr* view);
   Localisation search(const View& view);
-  Rigid3 turned(const View& view) const;
+  Localisation search_blurred(const View& view, Localisation best);
+  Rigid3 turned(const View& before, const View& view) const;
+  bool find_again(const ViewPtr& view);
+  static bool is_due(const Localisation& pose);
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
   bool recall(const ViewPtr& view);
@@ -224,6 +227,7 @@ class Odometry {
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
   std::deque<ViewPtr> waiting_;  // for those before them to be gone through
   std::optional<Previous> previous_;
+  std::optional<Previous> last_seen_;  // what was the newest posed view when track was lost
   LocalMap local_;
   int anchor_points_ = 0;       // of local_ seen by its key frame
   double anchor_distance_ = 0;  // median distance of these points from it

@@ -12,7 +12,7 @@ void archive_fields(A& a, PointMatch& x) {
 template <typename A>
 void archive_fields(A& a, Localisation& x) {
   archive(a, x.ok, x.reason, x.rig_from_world, x.velocity, x.covariance, x.sigma_px, x.matches, x.visible,
-          x.visible_in_anchor, x.matched_with_anchor);
+          x.anchor_points, x.visible_in_anchor, x.matched_with_anchor, x.blurred);
 }
 
 template <typename A>
@@ -44,8 +44,8 @@ void Odometry::Previous::archive(A& a) {
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.
 template <typename A>
 void Odometry::archive(A& a) {
-  raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, *starter_, local_,
-                  anchor_points_, anchor_distance_, posed_, settled_before_, places_, closures_);
+  raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
+                  local_, anchor_points_, anchor_distance_, posed_, settled_before_, places_, closures_);
   raysfm::archive(a, detect_timing_, start_timing_, calibrate_timing_, frame_timing_, localiser_.match_timing,
                   localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,
                   mapper_.adjust_timing);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <set>
 #include <span>
 
 #include "raysfm/eval/trajectory_error.h"
@@ -264,6 +265,41 @@ TEST(Odometry, FindsTrackAgainAfterAGap) {
   EXPECT_EQ(r.segments[0].reason, "end of input");
   EXPECT_EQ(losses.frames, std::vector<int>{24});
   expect_small_error(r, input, 0, 0);
+}
+
+// What an image shows while the camera is shaken by some pixels.
+GrayImage shaken(const GrayImage& image, int dx, int dy) {
+  const int steps = 2 * std::max(std::abs(dx), std::abs(dy));
+  GrayImage out(image.width(), image.height());
+  for (int y = 0; y < out.height(); ++y) {
+    for (int x = 0; x < out.width(); ++x) {
+      int sum = 0;
+      for (int i = -steps; i <= steps; ++i) {
+        const int u = std::clamp(x + (i * dx) / (2 * steps), 0, image.width() - 1);
+        const int v = std::clamp(y + (i * dy) / (2 * steps), 0, image.height() - 1);
+        sum += image.row(v)[u];
+      }
+      out.row(y)[x] = static_cast<uint8_t>(sum / (2 * steps + 1));
+    }
+  }
+  return out;
+}
+
+TEST(Odometry, AShakeIsPosedAndHardlyAnyOfItBecomesAKeyFrame) {
+  Input input = one_scene(corridor());
+  const std::set<int> shaking{12, 13, 14, 20, 21};
+  for (const int i : shaking) {
+    input.views[i] = testing_support::as_view(shaken(corridor().images[i], 16, i < 16 ? 12 : -5), i);
+  }
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = 0; i < input.size(); ++i) {
+    EXPECT_TRUE(r.frames[i].world_from_rig.has_value()) << i << r.frames[i].reason;
+  }
+  EXPECT_LE(std::ranges::count_if(r.keyframes, [&](const KeyFrame& k) { return shaking.contains(k.frame); }),
+            1);
+  expect_small_error(r, input, 0, 0, 1);
 }
 
 // However long nothing is seen, no other world is started meanwhile and every frame has its reason.
