@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -48,6 +49,10 @@ void print_summary(const TrackResult& result, const std::string& out) {
               r.keyframes.size(), r.points.size(), r.rms_reprojection_px);
   if (r.segments.size() > 1) {
     std::printf("segments share neither world nor scale: the longest is at the top, the others in worlds/\n");
+  }
+  const auto held = std::ranges::count_if(r.frames, &PosedFrame::place_held);
+  if (held > 0) {
+    std::printf("%td of them were only seen to turn: their place is not known, and taken to stay\n", held);
   }
   std::printf("scale %s, %.1f s, %.1f frames/s, %.0f MiB; written to %s\n",
               r.metric_scale ? "metric" : "arbitrary", result.report.wall_s, result.report.frames_per_second,

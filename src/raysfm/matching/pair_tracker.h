@@ -27,6 +27,7 @@ class PairTracker {
   int advance(ViewPtr next);
 
   const CameraView& base() const { return base_->cameras[camera_]; }
+  int base_frame() const { return base_->frame; }
   int views() const { return static_cast<int>(matches_.size()); }
   // Feature of the k-th view after the base for each feature of the base, -1 where there is none; empty for a
   // view that was skipped or released.

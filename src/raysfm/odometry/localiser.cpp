@@ -28,16 +28,15 @@ int max_local_points(const TrackingRig& rig) {
   return kMaxLocalPoints * (rig.size() + 1) / 2;
 }
 
-// How many of a sample of key frame k's points the anchor's cameras would see.
-int overlap(const Map& map, const TrackingRig& rig, int k, int anchor) {
+// How many of a sample of key frame k's points the rig's cameras would see.
+int overlap(const Map& map, const TrackingRig& rig, int k, const Rigid3& rig_from_world) {
   constexpr int kStep = 8;
-  const Rigid3& anchor_from_world = map.keyframes[anchor].rig_from_world;
   const MapKeyFrame& keyframe = map.keyframes[k];
   int seen = 0;
   for (int f = 0; f < keyframe.size(); f += kStep) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !map.tracks[track].triangulated) continue;
-    const Eigen::Vector3d point = anchor_from_world * map.tracks[track].position;
+    const Eigen::Vector3d point = rig_from_world * map.tracks[track].position;
     Eigen::Vector2d pixel;
     bool visible = false;
     for (int c = 0; c < rig.size() && !visible; ++c)
@@ -103,7 +102,7 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   std::vector<std::pair<int, int>> others;  // (overlap, key frame)
   for (int k = static_cast<int>(map.keyframes.size()) - 1; k >= 0; --k) {
     if (!views[k].view && k != anchor) break;  // forgotten, and those before it
-    const int seen = k == anchor ? 0 : overlap(map, rig, k, anchor);
+    const int seen = k == anchor ? 0 : overlap(map, rig, k, map.keyframes[anchor].rig_from_world);
     if (seen > 0) others.push_back({seen, k});
   }
   std::sort(others.begin(), others.end(), std::greater<>());
@@ -128,6 +127,16 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   std::stable_sort(local.points.begin(), local.points.end(),
                    [&](const LocalPoint& a, const LocalPoint& b) { return source(a) < source(b); });
   return local;
+}
+
+int keyframe_in_sight(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
+                      const Rigid3& rig_from_world) {
+  int best = -1, most = 0;
+  for (int k = static_cast<int>(map.keyframes.size()) - 1; k >= 0 && views[k].view; --k) {
+    const int seen = overlap(map, rig, k, rig_from_world);
+    if (seen > most) best = k, most = seen;
+  }
+  return best;
 }
 
 // Queries for every camera that should see a point, whichever saw it before.

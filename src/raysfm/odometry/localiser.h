@@ -33,6 +33,11 @@ struct LocalMap {
 LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
                         int anchor, int reach);
 
+// The key frame of whose points the rig would see most from a pose; the newest of equals, and -1 where it
+// would see none that there are images of.
+int keyframe_in_sight(const Map& map, std::span<const KeyFrameView> views, const TrackingRig& rig,
+                      const Rigid3& rig_from_world);
+
 // What was found of a query: a GuidedMatch or an AlignedPatch.
 template <typename Found>
 TrackPixel seen_at(const PatchQuery& query, const Found& found) {

@@ -11,8 +11,8 @@
 #include "raysfm/core/median.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/geometry/interpolation.h"
-#include "raysfm/odometry/dead_features.h"
 #include "raysfm/views/blindness.h"
+#include "raysfm/views/dead_features.h"
 
 namespace raysfm {
 namespace {
@@ -104,7 +104,8 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       localiser_(rig_, options_),
       mapper_(rig_, options_),
       places_(rig_, options_.seed),
-      refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior) {
+      refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior),
+      turner_(rig_) {
   starter_.emplace(rig_, options_);
 }
 
@@ -137,7 +138,7 @@ void Odometry::go_through_waiting() {
     }
     view = detected(view);
     if (!segments_.empty() && relocalise(view)) continue;
-    explain_blindness(*view);
+    if (!turn_on_the_spot(view)) explain_blindness(*view);
     if (options_.starts_worlds) start(view);
   }
 }
@@ -195,6 +196,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
   active_ = static_cast<int>(segments_.size()) - 1;
   last_seen_.reset();
+  turner_.end();
   segment().calibration = calibration_;
   observer_->world_started({world(), start.summary});
   pose_start_frames(start, views);
@@ -247,6 +249,7 @@ bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& 
 // A frame between key frames of the start, posed first by what the corner tracker saw, which is all there is
 // of a view that was released.
 void Odometry::pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local) {
+  if (frames_[waiting.frame].segment >= 0) return;  // it was posed as one that turns
   const Map& map = segment().map;
   const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
   const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world,
@@ -288,6 +291,7 @@ void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int fi
   if (rig_.scans()) localiser_.set_velocity(start_velocity(1));
   for (int i = first_view - 1; i >= 0; --i) {
     if (!views[i].view) continue;
+    if (frames_[views[i].frame].segment >= 0) break;
     Rigid3 pose;
     if (!pose_near(*views[i].view, local, velocity * next, false, &pose)) break;
     velocity = pose * next.inverse();
@@ -514,6 +518,7 @@ void Odometry::record(int number, const Localisation& pose, int keyframe) {
   frame.keyframe = keyframe;
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
   frame.covariance = pose.covariance;
+  frame.place_held = false;
   frame.reason.clear();
   frame.matches.clear();
   for (const PointMatch& m : pose.matches) frame.matches.push_back(m);
@@ -559,7 +564,34 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   look_about(static_cast<int>(segment().map.keyframes.size()));
   last_seen_ = std::exchange(previous_, std::nullopt);
   starter_.emplace(rig_, options_);
+  begin_turn();
+  turn_on_the_spot(view);
   if (options_.starts_worlds) start(view);
+}
+
+// From the view that was posed last.
+void Odometry::begin_turn() {
+  last_seen_->view = detected(last_seen_->view);
+  const FrameRecord& frame = frames_[last_seen_->view->frame];
+  turner_.begin(last_seen_->view, {present_pose(frame, segment().map), frame.covariance}, anchor_distance_);
+}
+
+// The view goes on from the last one as if it had only turned since, which hangs on the same key frame.
+bool Odometry::turn_on_the_spot(const ViewPtr& view) {
+  const std::optional<TurnedPose> turned = turner_.advance(view, options_.seed);
+  if (!turned) return false;
+  const Previous before = *last_seen_;
+  const Rigid3 rig_from_world = turned->rig_from_world;
+  last_seen_ = Previous{view, {}, {}, 0};
+  last_seen_->pose.rig_from_world = rig_from_world;
+  last_seen_->velocity = rig_from_world * before.pose.rig_from_world.inverse();
+  last_seen_->interval = view->timestamp - before.view->timestamp;
+  Localisation pose;
+  pose.rig_from_world = rig_from_world;
+  pose.covariance = turned->covariance;
+  record(view->frame, pose, frames_[before.view->frame].keyframe);
+  frames_[view->frame].place_held = true;
+  return true;
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
@@ -582,15 +614,17 @@ bool Odometry::relocalise(const ViewPtr& view) {
 bool Odometry::find_again(const ViewPtr& view) {
   if (!last_seen_) return false;
   const FrameRecord& frame = frames_[last_seen_->view->frame];
-  if (frame.segment != active_ || !segment().views[frame.keyframe].view) return false;
+  if (frame.segment != active_) return false;
   last_seen_->pose.rig_from_world = present_pose(frame, segment().map);
-  const LocalMap local = make_local_map(segment().map, segment().views, rig_, frame.keyframe, kReach);
+  const int anchor = keyframe_in_sight(segment().map, segment().views, rig_, last_seen_->pose.rig_from_world);
+  if (anchor < 0) return false;
+  const LocalMap local = make_local_map(segment().map, segment().views, rig_, anchor, kReach);
   const Rigid3 turned_on = turned(*last_seen_->view, *view) * last_seen_->pose.rig_from_world;
   for (const Rigid3& predicted : {turned_on, moved_on(*last_seen_, *view)}) {
     Localisation pose =
         localiser_.follow(segment().map, segment().views, local, *view, predicted, Focus::kBlurred);
     if (!in_sight(pose) || !recognised(pose, options_)) continue;
-    resume(view, frame.keyframe, std::move(pose));
+    resume(view, anchor, std::move(pose));
     return true;
   }
   return false;
@@ -612,6 +646,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
 void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   observer_->track_found({view->frame, world(), keyframe});
   last_seen_.reset();
+  turner_.end();
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);

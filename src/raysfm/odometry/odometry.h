@@ -12,6 +12,7 @@
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/odometry/starter.h"
+#include "raysfm/odometry/turn_tracker.h"
 #include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/views/view_archive.h"
@@ -45,8 +46,9 @@ struct FrameResult {
 //   3. when too little is matched or the pose is too uncertain, the view before becomes a key frame: new
 //   points,
 //      local adjustment.
-// Where track is lost, all places of all worlds are looked for while a new world tries to start. Places that
-// are seen again close loops, and join worlds.
+// Where track is lost, all places of all worlds are looked for while a new world tries to start; as long as
+// the rig only turns, its orientation is known meanwhile. Places that are seen again close loops, and join
+// worlds.
 class Odometry {
  public:
   // Valid options. The views may lack their corners where `maker` is given to detect them when they are
@@ -95,6 +97,7 @@ class Odometry {
     int keyframe = -1;
     Rigid3 rig_from_keyframe;
     Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
+    bool place_held = false;                 // as in PosedFrame
     std::vector<TrackPixel> matches;         // until the pose is settled
 
     template <typename A>
@@ -158,6 +161,8 @@ class Odometry {
   Localisation search_blurred(const View& view, Localisation best);
   Rigid3 turned(const View& before, const View& view) const;
   bool find_again(const ViewPtr& view);
+  void begin_turn();
+  bool turn_on_the_spot(const ViewPtr& view);
   static bool is_due(const Localisation& pose);
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
@@ -222,6 +227,7 @@ class Odometry {
   std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
   std::optional<Starter> starter_;
+  TurnTracker turner_;  // while track is lost
   std::deque<SegmentState> segments_;
   int active_ = -1;  // segment that is tracked, or was last
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;

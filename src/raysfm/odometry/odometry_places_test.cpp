@@ -263,20 +263,38 @@ Broken broken_off(const Film& film, int views) {
   return out;
 }
 
+void expect_same_after_a_break(const Film& film, const Reconstruction& whole, int views) {
+  const Broken broken = broken_off(film, views);
+  Odometry odometry({{small_camera()}}, {});
+  StateReader reader(broken.state, broken.views);
+  ASSERT_TRUE(odometry.read_state(reader)) << views;
+  EXPECT_EQ(odometry.frames(), views);
+  for (int i = views; i < film.size(); ++i) odometry.process(film.views[i]);
+  EXPECT_TRUE(identical(whole, odometry.finish(false))) << views;
+}
+
 // While it starts, tracks, is lost, and after worlds were joined.
 TEST(OdometryPlaces, ItGoesOnFromItsStateWithTheSameResult) {
   const Film film = two_sides();
   const Reconstruction whole = run(film);
   ASSERT_FALSE(whole.closures.empty());
   for (const int views : {1, 5, 30, 49, 55, 100, film.size() - 20, film.size()}) {
-    const Broken broken = broken_off(film, views);
-    Odometry odometry({{small_camera()}}, {});
-    StateReader reader(broken.state, broken.views);
-    ASSERT_TRUE(odometry.read_state(reader)) << views;
-    EXPECT_EQ(odometry.frames(), views);
-    for (int i = views; i < film.size(); ++i) odometry.process(film.views[i]);
-    EXPECT_TRUE(identical(whole, odometry.finish(false))) << views;
+    expect_same_after_a_break(film, whole, views);
   }
+}
+
+TEST(OdometryPlaces, ItGoesOnInTheMiddleOfATurnWithTheSameResult) {
+  Film film;
+  const SynthViews pan = synth_views("corridor", "pan", 120);
+  film.add(pan, 0, 120);
+  const Reconstruction whole = run(film);
+  int broken = 0;
+  for (int i = 0; i < film.size(); ++i) {
+    if (!whole.frames[i].place_held || i % 4 != 0) continue;
+    expect_same_after_a_break(film, whole, i);
+    ++broken;
+  }
+  EXPECT_GT(broken, 2);
 }
 
 TEST(OdometryPlaces, AStateThatIsNotWholeIsRefused) {

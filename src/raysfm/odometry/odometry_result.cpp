@@ -47,6 +47,7 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
     frame.reason = f.reason;
     if (f.segment < 0) continue;
     frame.segment = number_of[f.segment];
+    frame.place_held = f.place_held;
     const Rigid3 rig_from_world = present_pose(f, maps[f.segment]);
     frame.world_from_rig = rig_from_world.inverse();
     frame.covariance = covariance_in_world(rig_from_world, f.covariance);

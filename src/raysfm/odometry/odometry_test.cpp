@@ -390,6 +390,26 @@ TEST(Odometry, ATurningCameraGetsAReasonAndNoPoses) {
   for (const PosedFrame& f : r.frames) EXPECT_NE(f.reason.find("rotation"), std::string::npos) << f.reason;
 }
 
+// Along a corridor, all round on the spot, and on.
+TEST(Odometry, ATurnOnTheSpotIsPosedByWhatItSees) {
+  const Input input = one_scene(synth_views("corridor", "pan", 160));
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  expect_small_error(r, input, 0, 0, 1);
+  int held = 0, first = input.size(), last = 0;
+  for (int i = 0; i < input.size(); ++i) {
+    EXPECT_TRUE(r.frames[i].world_from_rig.has_value()) << i << r.frames[i].reason;
+    if (!r.frames[i].place_held) continue;
+    ++held;
+    first = std::min(first, i);
+    last = i;
+    EXPECT_EQ(input.world_from_rig[i].translation, input.world_from_rig[80].translation) << i;
+  }
+  EXPECT_GT(held, 15);
+  EXPECT_EQ(held, last - first + 1) << "in one run";
+}
+
 TEST(Odometry, AStandingCameraGetsAReasonAndNoPoses) {
   Input input;
   for (int i = 0; i < 12; ++i) input.add(board(), 5, 0);

@@ -84,6 +84,16 @@ void place_frames(const Json& frames, std::vector<PosedFrame> posed, Reconstruct
   }
 }
 
+// Likewise of what older reports lack.
+void hold_places(const Json& frames, Reconstruction* r) {
+  if (!frames.contains("place_held")) return;
+  for (const Json& run : frames.at("place_held")) {
+    for (size_t i = run.at("first"); i <= run.at("last") && i < r->frames.size(); ++i) {
+      r->frames[i].place_held = r->frames[i].world_from_rig.has_value();
+    }
+  }
+}
+
 Result<void> read_frames(const fs::path& folder, int segment, std::vector<PosedFrame>* frames) {
   const Result<Trajectory> trajectory = read_trajectory(folder / "trajectory.txt");
   if (!trajectory) return trajectory.error();
@@ -211,6 +221,7 @@ Result<Reconstruction> read_worlds(const fs::path& folder, const Json& report) {
     if (auto read = read_frames(path, segment, &posed); !read) return read.error();
   }
   place_frames(report.at("frames"), std::move(posed), &r);
+  hold_places(report.at("frames"), &r);
   if (r.origin == Origin::kSolve) read_lenses_json(report, &r);
   for (const auto& [segment, path] : worlds) {
     if (auto read = read_map(path, segment, &r); !read) return read.error();

@@ -32,6 +32,7 @@ Reconstruction uneven_reconstruction(int cameras, bool two_worlds) {
     if (!frame.world_from_rig) continue;
     for (int j = 0; j < 6; ++j) frame.covariance(j, j) = rng.uniform() * 1e-7;
     frame.world_from_rig->rotation.normalize();
+    frame.place_held = i == 4 || i == 5 || i == 8;
   }
   r.rms_reprojection_px = 1.0 / 7;
   r.metric_scale = r.segments[0].metric_scale = true;
@@ -67,6 +68,7 @@ void expect_same_frames(const Reconstruction& read, const Reconstruction& r) {
     EXPECT_EQ(a.timestamp, b.timestamp);
     EXPECT_EQ(a.segment, b.segment);
     EXPECT_EQ(a.reason, b.reason);
+    EXPECT_EQ(a.place_held, b.place_held);
     ASSERT_EQ(a.world_from_rig.has_value(), b.world_from_rig.has_value());
     if (!b.world_from_rig) continue;
     EXPECT_EQ(a.world_from_rig->translation, b.world_from_rig->translation);

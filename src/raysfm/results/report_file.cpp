@@ -13,6 +13,20 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// Runs of frames of which only the turning was seen.
+Json place_held_json(const std::vector<PosedFrame>& frames) {
+  Json runs = Json::array();
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (!frames[i].place_held) continue;
+    if (i > 0 && frames[i - 1].place_held) {
+      runs.back()["last"] = i;
+    } else {
+      runs.push_back({{"first", i}, {"last", i}});
+    }
+  }
+  return runs;
+}
+
 Json frames_json(const std::vector<PosedFrame>& frames, int in_input) {
   Json without_pose = Json::array();
   for (size_t i = 0; i < frames.size(); ++i) {
@@ -26,7 +40,8 @@ Json frames_json(const std::vector<PosedFrame>& frames, int in_input) {
   return {{"total", frames.size()},
           {"in_input", in_input >= 0 ? Json(in_input) : Json()},
           {"posed", posed},
-          {"without_pose", std::move(without_pose)}};
+          {"without_pose", std::move(without_pose)},
+          {"place_held", place_held_json(frames)}};
 }
 
 const char* scale_word(bool metric) {

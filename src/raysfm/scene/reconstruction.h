@@ -24,6 +24,8 @@ struct PosedFrame {
   std::optional<Rigid3> world_from_rig;
   Matrix6d covariance = Matrix6d::Zero();  // of world_from_rig, tangent (v, w) as in docs/conventions.md
   std::string reason;
+  bool place_held =
+      false;  // only its turning was seen: it is where the frames before it were, as far as known
   std::string image_name;  // name of the image file or "frame_000012"
   int lens = -1;           // index into Reconstruction::lenses, -1: the rig's, or unknown
 };

@@ -114,6 +114,26 @@ Motion look(const Curve& curve, double points_per_second, uint64_t seed) {
   };
 }
 
+// From 0 to 1, twice continuously differentiable, at rest at both ends and beyond.
+double eased(double x) {
+  x = std::clamp(x, 0.0, 1.0);
+  return x * x * x * (10 + x * (6 * x - 15));
+}
+
+// Along a curve as someone who films from a tripod between: a quarter of the time on the way, half of it
+// turning once on the spot, and on.
+Motion pan(const Curve& curve, double points, double duration, uint64_t seed) {
+  Rng rng(seed, 17);
+  const Unrest3 sway(rng, Vector3d(0.5, 0.7, 0.5) * kDegree, 0.15, 1.2);  // pitch, yaw, roll
+  return [=](double time) {
+    const double part = time / duration;
+    const double x = 0.5 * points * (eased(4 * part) + eased(4 * part - 3));
+    const Vector3d w = sway(time);
+    const double turn = kTwoPi * eased(2 * part - 0.5);
+    return Rigid3{attitude(yaw_of(curve.derivative(x)) + turn + w.y(), w.x(), w.z()), curve.position(x)};
+  };
+}
+
 // No rotation at all and a constant velocity.
 Motion straight(const Stage& stage, double speed) {
   const Vector3d from = stage.straight_from, forward = stage.straight_direction;
@@ -170,6 +190,7 @@ const std::vector<MotionInfo>& motion_list() {
       {"drive", "along the way of the world, looking ahead"},
       {"walk", "the same on foot: swaying with each step, looking about a little"},
       {"look", "the same, turning far to all sides; gives scale to a rig without common view"},
+      {"pan", "the same, with a turn all round on the spot half-way, as from a tripod"},
       {"straight", "a straight line without any rotation; gives no scale to a rig without common view"},
       {"loop", "round a closed circuit, looking ahead; how often, --rounds says"},
       {"handheld", "about one place, like someone who shows a room"},
@@ -181,7 +202,7 @@ const std::vector<MotionInfo>& motion_list() {
 }
 
 bool has_length(std::string_view motion) {
-  return motion == "drive" || motion == "walk" || motion == "look" || motion == "straight";
+  return motion == "drive" || motion == "walk" || motion == "look" || motion == "pan" || motion == "straight";
 }
 
 Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionOptions& options) {
@@ -191,6 +212,9 @@ Result<Motion> make_motion(const Stage& stage, const Habit& habit, const MotionO
   if (name == "walk")
     return walk(Curve(stage.way, false), speed / stage.spacing, stage.spacing, options.seed);
   if (name == "look") return look(Curve(stage.way, false), speed / stage.spacing, options.seed);
+  if (name == "pan") {
+    return pan(Curve(stage.way, false), options.length / stage.spacing, options.duration, options.seed);
+  }
   if (name == "straight") {
     if (options.length > stage.straight_length) {
       std::ostringstream text;

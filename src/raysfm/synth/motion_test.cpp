@@ -66,8 +66,25 @@ TEST_P(Motions, AccelerationIsContinuous) {
 
 INSTANTIATE_TEST_SUITE_P(Everywhere, Motions,
                          testing::Combine(testing::Values("street", "room", "corridor", "board"),
-                                          testing::Values("drive", "walk", "look", "loop", "handheld",
+                                          testing::Values("drive", "walk", "look", "pan", "loop", "handheld",
                                                           "orbit", "rotate")));
+
+TEST(Motion, PanTurnsOnceOnTheSpot) {
+  constexpr double kDuration = 20;
+  const Motion motion = motion_in(world_of("corridor"), "pan", kDuration, 6);
+  const Rigid3 before = motion(0.25 * kDuration), after = motion(0.75 * kDuration);
+  EXPECT_LT((before.translation - motion(0).translation).norm(), 3.01);
+  EXPECT_GT((before.translation - motion(0).translation).norm(), 2.8);
+  EXPECT_LT(before.rotation.angularDistance(after.rotation), 0.06);
+  double turned = 0;
+  for (int i = 0; i < 100; ++i) {
+    const Rigid3 a = motion((0.25 + 0.005 * i) * kDuration), b = motion((0.255 + 0.005 * i) * kDuration);
+    EXPECT_EQ(a.translation, before.translation);
+    turned += a.rotation.angularDistance(b.rotation);
+  }
+  EXPECT_NEAR(turned, 2 * std::numbers::pi, 0.2);
+  EXPECT_GT((motion(kDuration).translation - after.translation).norm(), 2.8);
+}
 
 TEST(Motion, WalkCoversItsLengthAndLooksAhead) {
   struct Case {

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/dead_features.h"
+#include "raysfm/views/dead_features.h"
 
 #include <algorithm>
 #include <utility>
