@@ -38,6 +38,9 @@ constexpr double kKeyFrameBaseline = 0.055;
 // Parts of the points of the anchor: as long as this one is in sight, no blurred view becomes a key frame,
 // and this one must be, or the pose of a blurred view is not believed.
 constexpr double kMostlyInSight = 0.75, kLeastInSight = 0.3;
+// How far a blurred view may be from where the motion before leads: parts of the step that leads there, and
+// of the distance to the points.
+constexpr double kMostSwerve = 1.5, kMostTremble = 0.01;
 constexpr int kMinKeyFrameGap = 2;      // frames without one, unless too little is matched
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
@@ -322,6 +325,17 @@ void Odometry::pose_copies(const std::vector<WaitingView>& views) {
   }
 }
 
+// Whether a pose is about where the motion before leads. Large patches fit at places where turning and moving
+// make up for each other.
+bool Odometry::goes_on(const Localisation& pose, const View& view) const {
+  if (!(previous_->interval > 0)) return true;
+  const auto place = [](const Rigid3& rig_from_world) { return rig_from_world.inverse().translation; };
+  const Eigen::Vector3d expected = place(moved_on(*previous_, view));
+  const double step = (expected - place(previous_->pose.rig_from_world)).norm();
+  return (place(pose.rig_from_world) - expected).norm() <=
+         kMostSwerve * step + kMostTremble * anchor_distance_;
+}
+
 // Rotation of the rig since a view before as the motion of the whole image tells it.
 Rigid3 Odometry::turned(const View& before_view, const View& view) const {
   const CoarseMotion motion = coarse_motion(before_view.cameras[0], view.cameras[0]);
@@ -376,7 +390,7 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
   for (const Rigid3& predicted : {best.ok ? best.rig_from_world : moved_on(*previous_, view), turned_on}) {
     Localisation pose =
         localiser_.follow(segment().map, segment().views, local_, view, predicted, Focus::kBlurred);
-    if (!in_sight(pose)) continue;
+    if (!in_sight(pose) || !goes_on(pose, view)) continue;
     if (convincing(pose)) return pose;
     if (pose.matches.size() > best.matches.size()) best = std::move(pose);
   }

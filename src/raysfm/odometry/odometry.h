@@ -160,6 +160,7 @@ class Odometry {
   Localisation search(const View& view);
   Localisation search_blurred(const View& view, Localisation best);
   Rigid3 turned(const View& before, const View& view) const;
+  bool goes_on(const Localisation& pose, const View& view) const;
   bool find_again(const ViewPtr& view);
   void begin_turn();
   bool turn_on_the_spot(const ViewPtr& view);
