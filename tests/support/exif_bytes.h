@@ -8,7 +8,7 @@
 namespace raysfm::testing_support {
 
 struct ExifText {
-  std::string maker, model, lens;
+  std::string maker = {}, model = {}, lens = {};
   double focal_mm = 0;
   int focal_35mm = 0;
   int pixels_per_inch = 0;  // of the sensor

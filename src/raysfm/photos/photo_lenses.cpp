@@ -83,8 +83,8 @@ void tell_exif(std::span<const ExifLens> lenses, const EventSink& event) {
     const std::string focal = lens.focal_px > 0 ? fmt::format(": {:.0f} px, give or take {:.0f} ({})",
                                                               lens.focal_px, lens.focal_sigma_px, lens.source)
                                                 : std::string();
-    const std::string what =
-        fmt::format("EXIF of {} and {} more, by {}{}", lens.first_photo, lens.photos - 1, camera, focal);
+    const std::string others = lens.photos > 1 ? fmt::format(" and {} more", lens.photos - 1) : std::string();
+    const std::string what = fmt::format("EXIF of {}{}, by {}{}", lens.first_photo, others, camera, focal);
     if (lens.not_used.empty()) {
       tell(event, Event::Level::kInfo, what + "; used as a prior");
     } else {
