@@ -127,8 +127,7 @@ Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const 
     finish_photos(tracks, options, &*result);
   }
   if (!result) return result;
-  // Beside a focal length of each, nothing of their lenses is estimated.
-  if (options.errors == ErrorRelation::kWithinImages && result->zooming) add_model_error(&*result);
+  if (options.errors == ErrorRelation::kWithinImages) add_model_error(&*result);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
   return result;

@@ -281,12 +281,12 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
 
 // Standard deviations, and the images that are no key frames.
 void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
-              bool in_order, ThreadPool* pool, UncalibratedReconstruction* result) {
+              ThreadPool* pool, UncalibratedReconstruction* result) {
   const PointTracks ideal = ideal_tracks(tracks, *result);
   if (!options.stopped() && !adjusts_one_lens(options, *result)) {
     VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
   }
-  if (in_order || result->zooming) add_model_error(result);
+  add_model_error(result);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
   const ScopedTimer timer(result->stages["between"]);
@@ -312,7 +312,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
   Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto
                                                   ? build_both(tracks, keyframe, options, video, &pool)
                                                   : build_one(tracks, keyframe, options, video);
-  if (result) complete(tracks, keyframe, options, video.in_order, &pool, &*result);
+  if (result) complete(tracks, keyframe, options, &pool, &*result);
   return result;
 }
 
