@@ -28,7 +28,7 @@ set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "The program.
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libraysfm-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
-    "libeigen3-dev, libopencv-dev, libhwy-dev, libfmt-dev, libyaml-cpp-dev, nlohmann-json3-dev, libbz2-dev, libjpeg-dev, libdeflate-dev, libsqlite3-dev, libavformat-dev, libavcodec-dev, libavutil-dev, libswscale-dev, libavdevice-dev, pkg-config")
+    "libeigen3-dev, libopencv-dev, libhwy-dev, libfmt-dev, libyaml-cpp-dev, nlohmann-json3-dev, libbz2-dev, libjpeg-dev, libdeflate-dev, libexif-dev, libsqlite3-dev, libavformat-dev, libavcodec-dev, libavutil-dev, libswscale-dev, libavdevice-dev, pkg-config")
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "The C++ library.
  Headers and static libraries for CMake's find_package(raysfm).")
 

@@ -132,9 +132,8 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
   const PointTracks tracks = seen_by_keyframes(stretch);
   const std::vector<uint8_t> all(tracks.image_count, 1);
-  const auto found = reconstruct_video(
-      tracks, all, options,
-      {.radial = RadialChoice::kIfSure, .threads = thread_count(settings.threads), .stop = stop});
+  const auto found =
+      reconstruct_video(tracks, all, options, {.threads = thread_count(settings.threads), .stop = stop});
   if (!found) return {{}, found.error().message, false};
   if (!found->degenerate.empty()) return {{}, found->degenerate};
   const double posed = static_cast<double>(std::ranges::count(found->image_posed, 1)) /

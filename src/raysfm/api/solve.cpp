@@ -13,6 +13,8 @@
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
+#include "raysfm/photos/photo_lenses.h"
+#include "raysfm/photos/photo_pairs.h"
 #include "raysfm/results/tracks_file.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/known_structure.h"
@@ -47,15 +49,12 @@ SolveOptions options_of(const SolveSettings& settings, const std::atomic<bool>* 
   if (settings.method == "intrinsics-free") options.method = LensMethod::kIntrinsicsFree;
   if (settings.method == "standard") options.method = LensMethod::kStandard;
   if (settings.constraints == "lagrange") options.constraints = ConstraintMethod::kLagrange;
+  if (settings.distortion == "none") options.radial = RadialChoice::kNone;
+  if (settings.distortion == "radial") options.radial = RadialChoice::kFree;
   options.max_error_px = settings.max_error;
   options.seed = settings.seed;
   if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
   return options;
-}
-
-RadialChoice radial_of(const SolveSettings& settings) {
-  if (settings.distortion == "none") return RadialChoice::kNone;
-  return settings.distortion == "radial" ? RadialChoice::kFree : RadialChoice::kIfSure;
 }
 
 Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallbacks& callbacks) {
@@ -64,24 +63,46 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
 }
 
 // Photos may see one another in any order; images of a video see their neighbours.
-Result<UncalibratedReconstruction> reconstruct_input(const SolveInput& input, const SolveSettings& settings,
-                                                     const SolveCallbacks& callbacks) {
-  const SolveOptions options = options_of(settings, callbacks.stop);
+Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, const SolveSettings& settings,
+                                                    SolveOptions options, const SolveCallbacks& callbacks) {
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
-  if (!input.in_order || (all && input.tracks.image_count <= kFewImages)) {
-    SolveOptions of_photos = options;
-    if (!is_tracks_file(settings.input)) of_photos.errors = ErrorRelation::kWithinImages;
-    return reconstruct(input.tracks, of_photos);
-  }
-  VideoOptions video{.radial = radial_of(settings),
-                     .threads = thread_count(settings.threads),
-                     .progress = {},
-                     .stop = callbacks.stop};
+  const bool compared = !input.in_order || (all && input.tracks.image_count <= kFewImages);
+  const bool photos = compared && !is_tracks_file(settings.input);
+  if (photos) options.errors = ErrorRelation::kWithinImages;
+  const bool many = photos && input.tracks.image_count > kMostInAllPairs;
+  if (compared && !many) return reconstruct(input.tracks, options);
+  VideoOptions video{
+      .in_order = !many, .threads = thread_count(settings.threads), .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {
     video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }
   return reconstruct_video(input.tracks, input.keyframe, options, video);
+}
+
+// Why what was found contradicts a focal length that is said of all photos; empty where it does not.
+std::string contradiction_with(const ExifLens& said, const Result<UncalibratedReconstruction>& found) {
+  if (!found) return "nothing agrees with it: " + found.error().message;
+  if (found->zooming) return "contradicted by the photos, which have different focal lengths";
+  const auto posed = std::ranges::find(found->image_posed, 1);
+  if (posed == found->image_posed.end()) return {};
+  return contradiction(said, found->scene.lenses[posed - found->image_posed.begin()].fx);
+}
+
+// With the focal length that all photos are said to have, if it holds.
+Result<UncalibratedReconstruction> reconstruct_input(SolveInput* input, const SolveSettings& settings,
+                                                     const SolveCallbacks& callbacks) {
+  const SolveOptions options = options_of(settings, callbacks.stop);
+  ExifLens* said = lens_to_use(&input->exif);
+  if (!said) return reconstruct_with(*input, settings, options, callbacks);
+  SolveOptions with_focal = options;
+  with_focal.focal = said->focal_px, with_focal.focal_sigma = said->focal_sigma_px;
+  Result<UncalibratedReconstruction> found = reconstruct_with(*input, settings, with_focal, callbacks);
+  if (callbacks.stopped()) return found;
+  said->not_used = contradiction_with(*said, found);
+  if (said->not_used.empty()) return found;
+  tell_exif({said, 1}, callbacks.event);
+  return reconstruct_with(*input, settings, options, callbacks);
 }
 
 // 0 without a reconstruction.
@@ -119,7 +140,7 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
   return {
       {"lens", "whether the lens zooms; auto lets the images decide", &s.lens, {"auto", "fixed", "zoom"}},
       {"distortion",
-       "radial distortion of a video's lens; auto estimates it and keeps it where it is sure",
+       "radial distortion of the lens; auto estimates it and keeps it where it is sure",
        &s.distortion,
        {"auto", "none", "radial"}},
       {"method",
@@ -155,7 +176,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct_input(*input, settings, callbacks);
+  Result<UncalibratedReconstruction> found = reconstruct_input(&*input, settings, callbacks);
   // A few images that do not go well as a video may go better as photos.
   if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
       input->tracks.image_count <= kFewImages && !callbacks.stopped() && posed_share(found) < kGoodShare) {
@@ -164,7 +185,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
                : "not solved as a video, now tried as photos: " + found.error().message);
     Result<SolveInput> photos = tracks_from_photos(settings, once);
     if (!photos) return photos.error();
-    Result<UncalibratedReconstruction> other = reconstruct_input(*photos, settings, callbacks);
+    Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
     if (posed_share(other) >= posed_share(found)) {
       input = std::move(photos);
       found = std::move(other);

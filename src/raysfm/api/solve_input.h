@@ -16,6 +16,7 @@ struct SolveInput {
   std::vector<double> timestamps;           // strictly increasing
   std::vector<std::string> names;           // of the images
   std::vector<std::string> defects;         // why an image shows nothing, else ""; empty: none has one
+  std::vector<ExifLens> exif;               // the lenses that photos name
   bool in_order = true;                     // an image sees what the one before sees
   std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
   std::vector<uint8_t> keyframe;            // 1: takes part in the start and the adjustment

@@ -4,10 +4,14 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 
 #include "raysfm/api/solve_photos.h"
+#include "raysfm/files/text_file.h"
 #include "raysfm/frames/image_writer.h"
+#include "raysfm/frames/png_chunks.h"
+#include "support/exif_bytes.h"
 #include "support/temporary_folder.h"
 #include "support/test_scenes.h"
 
@@ -230,6 +234,49 @@ TEST_F(SolveInputTest, PhotosOfDifferentSizesAreCentredInOne) {
   ASSERT_TRUE(video.ok()) << video.error().message;
   EXPECT_EQ(video->defects[0], "");
   EXPECT_NE(video->defects[1].find("300 x 260 pixels"), std::string::npos) << video->defects[1];
+}
+
+TEST_F(SolveInputTest, ExifOfPhotosIsNamedAndThatOfACropNotUsed) {
+  const fs::path photos = folder_.path() / "photos";
+  fs::create_directories(photos);
+  constexpr size_t kHead = 33;  // bytes of a PNG before what may follow its header
+  for (int i = 0; i < 2; ++i) {
+    const fs::path path = photos / (std::to_string(i) + ".png");
+    ASSERT_TRUE(write_png(path, picture(320, 240, 3 * i).view()));
+    std::string bytes = *read_text_file(path, 1 << 24);
+    const testing_support::ExifText text{.maker = "Acme", .focal_35mm = 26, .width = 320, .height = 240};
+    bytes.insert(kHead, testing_support::png_chunk("eXIf", testing_support::exif_bytes(text, i == 0)));
+    std::ofstream(path, std::ios::binary) << bytes;
+  }
+  SolveSettings images;
+  images.input = photos.string();
+  std::string said;
+  SolveCallbacks callbacks;
+  callbacks.event = [&](const Event& e) { said += e.message + "\n"; };
+  auto input = tracks_from_photos(images, callbacks);
+  ASSERT_TRUE(input.ok()) << input.error().message;
+  ASSERT_EQ(input->exif.size(), 1u);
+  EXPECT_EQ(input->exif[0].photos, 2);
+  EXPECT_NEAR(input->exif[0].focal_px, 26 * 400 / std::hypot(36, 24), 1e-9);
+  EXPECT_NE(
+      said.find("EXIF of 0.png and 1 more, by Acme: 240 px, give or take 8 (26 mm in the form of 35 mm); "
+                "used as a prior"),
+      std::string::npos)
+      << said;
+  const std::string whole = *read_text_file(photos / "1.png", 1 << 24);
+  ASSERT_TRUE(write_png(photos / "1.png", picture(300, 240, 3).view()));
+  std::string cropped = *read_text_file(photos / "1.png", 1 << 24);
+  const size_t chunk = big_endian(std::string_view(whole).substr(kHead)) + 12;
+  std::ofstream(photos / "1.png", std::ios::binary) << cropped.insert(kHead, whole.substr(kHead, chunk));
+  said.clear();
+  input = tracks_from_photos(images, callbacks);
+  ASSERT_TRUE(input.ok()) << input.error().message;
+  ASSERT_EQ(input->exif.size(), 2u);
+  EXPECT_NE(
+      said.find("1.png, by Acme; not used: is of a photo of 320x240 pixels, this one has 300x240: cropped"),
+      std::string::npos)
+      << said;
+  EXPECT_NE(input->exif[0].not_used, "");
 }
 
 TEST_F(SolveInputTest, LargeStepsArePhotosAndSmallOnesAVideo) {

@@ -11,8 +11,11 @@
 
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/median.h"
+#include "raysfm/core/timer.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/photo_features.h"
+#include "raysfm/photos/photo_lenses.h"
+#include "raysfm/photos/photo_pairs.h"
 #include "raysfm/projective/view_pair.h"
 
 namespace raysfm {
@@ -20,7 +23,6 @@ namespace {
 
 constexpr int kMinAgreeing = 40;
 constexpr int kFeatures = 2500;
-constexpr int kMinPairInliers = 20;
 
 // Sets of features that are the same point.
 class Merger {
@@ -41,6 +43,7 @@ struct Photos {
   std::unique_ptr<PhotoFeatures> features;
   std::vector<int> first;  // feature of each photo
   std::vector<std::array<uint8_t, 3>> rgb;
+  std::vector<TakenPhoto> taken;
 };
 
 Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Photos* photos,
@@ -61,6 +64,10 @@ Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Pho
     input->names.push_back(frame.name);
     input->keyframe.push_back(1);
     input->defects.push_back(frame.defect);
+    TakenPhoto& taken = photos->taken.emplace_back();
+    taken.name = frame.name;
+    taken.size = {frame.gray.width(), frame.gray.height()};
+    if (frame.defect.empty()) taken.exif = read_exif(frame.file);
     if (frame.defect.empty()) {
       input->sizes.emplace_back(frame.gray.width(), frame.gray.height());
     } else {
@@ -83,23 +90,28 @@ void settle_size(SolveInput* input) {
   if (alike) input->sizes.clear();
 }
 
-void join_pair(const Photos& photos, int a, int b, double max_error, uint64_t seed, Merger* merger) {
-  const std::vector<std::pair<int, int>> found = photos.features->match(a, b);
-  PairMatches matches;
-  for (size_t i = 0; i < found.size(); ++i) {
-    matches.points.push_back(static_cast<int>(i));
-    matches.a.push_back(photos.features->pixels(a)[found[i].first]);
-    matches.b.push_back(photos.features->pixels(b)[found[i].second]);
+// Points of all photos that are one, by the pairs that are worth a comparison.
+Merger joined_points(const Photos& photos, const SolveSettings& settings, const std::atomic<bool>* stop,
+                     std::vector<std::pair<std::string, StageTiming>>* stages) {
+  ThreadPool pool(thread_count(settings.threads) - 1);
+  StageTiming retrieve, compare;
+  const auto pairs = [&] {
+    const ScopedTimer timer(retrieve);
+    return pairs_to_compare(*photos.features, &pool);
+  }();
+  const auto same = [&] {
+    const ScopedTimer timer(compare);
+    return compare_pairs(*photos.features, pairs, settings.max_error, settings.seed, stop, &pool);
+  }();
+  Merger merger(static_cast<int>(photos.rgb.size()));
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    for (const auto& [in_a, in_b] : same[i]) {
+      merger.join(photos.first[pairs[i].first] + in_a, photos.first[pairs[i].second] + in_b);
+    }
   }
-  ViewPair pair;
-  const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
-  if (!fundamental_ransac(matches, max_error, 2000, seed, stream, &pair)) return;
-  if (pair.inliers < kMinPairInliers) return;
-  for (size_t i = 0; i < pair.inlier.size(); ++i) {
-    if (!pair.inlier[i]) continue;
-    const auto& [in_a, in_b] = found[pair.matches.points[i]];
-    merger->join(photos.first[a] + in_a, photos.first[b] + in_b);
-  }
+  stages->emplace_back("retrieve", retrieve);
+  stages->emplace_back("compare", compare);
+  return merger;
 }
 
 // A set with two features of one photo is two points, and which is which is not known: it is left out.
@@ -194,7 +206,7 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
       return tracks_from_photos(settings, callbacks);
     }
   }
-  if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxPhotos) {
+  if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxAutoPhotos) {
     return video;
   }
   const int poor = poor_neighbours(*video, settings, callbacks.stop);
@@ -226,13 +238,10 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
   opened->streams[0]->allow_any_size();
   if (auto r = read_photos(*opened->streams[0], callbacks.stop, &photos, &input); !r) return r.error();
   settle_size(&input);
-  Merger merger(static_cast<int>(photos.rgb.size()));
-  for (int a = 0; a < photos.features->photos(); ++a) {
-    for (int b = a + 1; b < photos.features->photos(); ++b) {
-      input.interrupted = callbacks.stop && callbacks.stop->load();
-      if (!input.interrupted) join_pair(photos, a, b, settings.max_error, settings.seed, &merger);
-    }
-  }
+  input.exif = lenses_by_exif(photos.taken);
+  tell_exif(input.exif, callbacks.event);
+  Merger merger = joined_points(photos, settings, callbacks.stop, &input.stages);
+  input.interrupted = input.interrupted || callbacks.stopped();
   collect_tracks(photos, &merger, &input);
   return input;
 }

@@ -4,8 +4,8 @@
 
 namespace raysfm {
 
-// Most photos among which every one is compared with every other.
-inline constexpr int kMaxPhotos = 100;
+// Most photos, and most images that are looked at for whether they are photos.
+inline constexpr int kMaxPhotos = 500, kMaxAutoPhotos = 100;
 
 // Images that are compared in this way when they do not go well as a video.
 inline constexpr int kFewImages = 40;
@@ -15,8 +15,8 @@ inline constexpr int kFewImages = 40;
 // input.
 Result<SolveInput> tracks_from_images(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
-// Tracks of photos that may be taken from anywhere: matches of all pairs that agree with a fundamental
-// matrix. Errors: bad input.
+// Tracks of photos that may be taken from anywhere: matches of pairs that agree with a fundamental matrix, of
+// all pairs or, of many photos, of those that look alike. Errors: bad input.
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

@@ -161,9 +161,12 @@ Report solve_report(const SolveInput& input, const UncalibratedReconstruction& f
   report.error = "pixel";
   report.stages = input.stages;
   report.stages.insert(report.stages.end(), found.stages.begin(), found.stages.end());
-  report.lens = {found.zooming, found.lens_evidence, found.degenerate,
+  report.lens = {found.zooming,
+                 found.lens_evidence,
+                 found.degenerate,
                  static_cast<int>(input.tracks.image_size.x()),
-                 static_cast<int>(input.tracks.image_size.y())};
+                 static_cast<int>(input.tracks.image_size.y()),
+                 input.exif};
   report.adjustment = {.method = settings.method,
                        .initial_cost = lm.initial_cost,
                        .final_cost = lm.final_cost,

@@ -15,9 +15,10 @@
 namespace raysfm {
 
 struct InputFrame {
-  int index = 0;         // 0, 1, 2, ... in its stream
-  double timestamp = 0;  // seconds: from the container or the layout, else index / fps, else index
-  std::string name;      // file name without folders, or "frame-000012" for a video
+  int index = 0;               // 0, 1, 2, ... in its stream
+  double timestamp = 0;        // seconds: from the container or the layout, else index / fps, else index
+  std::string name;            // file name without folders, or "frame-000012" for a video
+  std::filesystem::path file;  // of an image; empty for a video
   GrayImage gray;
   ColorPlanes colors;
   // Why there is no image, or none of the size of the stream: one line that names the file. Empty: there is.

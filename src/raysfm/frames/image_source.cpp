@@ -46,6 +46,7 @@ class ImageSource : public FrameSource {
     frame.index = static_cast<int>(index);
     frame.timestamp = timestamps_[index];
     frame.name = files_[index].filename().string();
+    frame.file = files_[index];
     frame.defect = image ? odd_size(index, image->gray) : image.error().message;
     if (frame.defect.empty()) {
       frame.gray = std::move(image->gray);

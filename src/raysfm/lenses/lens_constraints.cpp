@@ -9,7 +9,7 @@ constexpr int kFx = 0, kFy = 1, kCx = 2, kCy = 3, kSkew = 4;
 
 int known_numbers(const LensConstraints& c) {
   const bool principal_point = c.known_principal_point || c.principal_point_sigma > 0;
-  return int(c.zero_skew) + int(c.unit_aspect) + 2 * int(principal_point);
+  return int(c.zero_skew) + int(c.unit_aspect) + 2 * int(principal_point) + int(c.focal_sigma > 0);
 }
 
 class RowWriter {
@@ -39,6 +39,13 @@ class RowWriter {
   double multiple_;
 };
 
+// Makes a row a prior. One lens has one.
+void make_prior(const LensConstraints& c, double sigma, bool shared, size_t images, ConstraintRow* row) {
+  row->weight = 1 / sigma;
+  row->exact = false;
+  if (c.equal && shared) row->weight /= std::sqrt(static_cast<double>(images));
+}
+
 void add_known(const LensConstraints& c, int image, bool shared_prior, RowWriter* writer) {
   if (c.zero_skew) writer->add(image, LensVector::Unit(kSkew), 0);
   if (c.unit_aspect) writer->add(image, LensVector::Unit(kFx) - LensVector::Unit(kFy), 0);
@@ -46,14 +53,24 @@ void add_known(const LensConstraints& c, int image, bool shared_prior, RowWriter
     if (!c.known_principal_point && !(c.principal_point_sigma > 0)) continue;
     ConstraintRow& row = writer->add(image, LensVector::Unit(kCx + axis), c.principal_point[axis]);
     if (c.known_principal_point) continue;
-    row.weight = 1 / c.principal_point_sigma;
-    row.exact = false;
-    // One lens, one prior.
-    if (c.equal && shared_prior) row.weight /= std::sqrt(static_cast<double>(writer->images()));
+    make_prior(c, c.principal_point_sigma, shared_prior, writer->images(), &row);
   }
+  if (!(c.focal_sigma > 0)) return;
+  make_prior(c, c.focal_sigma, shared_prior, writer->images(),
+             &writer->add(image, LensVector::Unit(kFx), c.focal));
 }
 
 }  // namespace
+
+LensExpectation expected_lens(const LensConstraints& c) {
+  LensExpectation expected;
+  expected.mean << c.focal, 0, c.principal_point, 0;
+  if (c.focal_sigma > 0) expected.weight[kFx] = 1 / (c.focal_sigma * c.focal_sigma);
+  if (c.principal_point_sigma > 0 && !c.known_principal_point) {
+    expected.weight.segment<2>(kCx).setConstant(1 / (c.principal_point_sigma * c.principal_point_sigma));
+  }
+  return expected;
+}
 
 int min_images(const LensConstraints& constraints) {
   const int known = known_numbers(constraints), fixed = constraints.equal ? 5 - known : 0;
@@ -71,6 +88,7 @@ std::string describe(const LensConstraints& c) {
   append(c.equal, "equal lenses");
   append(c.known_principal_point, "known principal point");
   append(!c.known_principal_point && c.principal_point_sigma > 0, "principal point near its expected place");
+  append(c.focal_sigma > 0, "focal length near its expected value");
   return text.empty() ? "none" : text;
 }
 

@@ -19,7 +19,21 @@ struct LensConstraints {
   // an observation; 0: nothing is known of it. Ignored when it is known.
   double principal_point_sigma = 0;
   Eigen::Vector2d principal_point = Eigen::Vector2d::Zero();  // pixels
+  // Standard deviation of fx about `focal`, in the same units; 0: nothing is known of it.
+  double focal_sigma = 0;
+  double focal = 0;  // pixels
 };
+
+// What is expected of the five numbers of a lens, and the weights of that: squares of one over the standard
+// deviations, 0 where nothing is.
+struct LensExpectation {
+  LensVector mean = LensVector::Zero(), weight = LensVector::Zero();
+
+  bool any() const { return (weight.array() > 0).any(); }
+};
+
+// Of every lens, by the constraints.
+LensExpectation expected_lens(const LensConstraints& constraints);
 
 // Fewest images with which the constraints make the structure metric, a general motion given: every image
 // brings its number of conditions on the eight numbers that tell a metric frame from a projective one (3

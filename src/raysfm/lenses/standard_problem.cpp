@@ -25,6 +25,7 @@ StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjust
     : index_(index),
       options_(options),
       role_(role),
+      expected_(expected_lens(options.constraints)),
       scene_(std::move(scene)),
       trial_(scene_),
       radial_(options.radial),
@@ -41,10 +42,6 @@ StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjust
   steps_.setZero(elimination_.rows());
   costs_.reserve(options.lm.max_iterations + 1);
   cost_ = start_cost();
-}
-
-bool StandardProblem::has_prior() const {
-  return options_.constraints.principal_point_sigma > 0 && !options_.constraints.known_principal_point;
 }
 
 double StandardProblem::start_cost() {
@@ -87,11 +84,8 @@ void StandardProblem::fit_lenses(UncalibratedScene* scene) const {
       right.noalias() += b.transpose() * (index_.weight[o] * (index_.pixel[o] - lens.pixel(m)));
     }
     if (shared() && j + 1 < index_.image_count()) continue;
-    if (has_prior()) {
-      const double sigma = options_.constraints.principal_point_sigma, w = 1 / (sigma * sigma);
-      normal.diagonal().segment<2>(2).array() += w;
-      right.segment<2>(2) += w * (options_.constraints.principal_point - Eigen::Vector2d(lens.cx, lens.cy));
-    }
+    normal.diagonal() += expected_.weight;
+    right += expected_.weight.cwiseProduct(expected_.mean - lens.vector());
     // What is not free has no column: it keeps its place by a pivot of one.
     Matrix5d reduced = basis_.transpose() * normal * basis_;
     for (int k = free_; k < 5; ++k) reduced(k, k) = 1;
@@ -130,10 +124,8 @@ double StandardProblem::cost(UncalibratedScene* scene, const RadialDistortion& r
       sum += index_.weight[o] * (predicted(lens, o, radial) - index_.pixel[o]).squaredNorm();
     }
   }
-  for (int j = 0; j < lens_count() && has_prior(); ++j) {
-    const Eigen::Vector2d c(scene->lenses[j].cx, scene->lenses[j].cy);
-    const double sigma = options_.constraints.principal_point_sigma;
-    sum += (c - options_.constraints.principal_point).squaredNorm() / (sigma * sigma);
+  for (int j = 0; j < lens_count() && expected_.any(); ++j) {
+    sum += expected_.weight.dot((scene->lenses[j].vector() - expected_.mean).cwiseAbs2());
   }
   return 0.5 * sum;
 }
@@ -213,13 +205,10 @@ void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
 }
 
 void StandardProblem::add_priors(const UncalibratedScene& scene) {
-  const double sigma = options_.constraints.principal_point_sigma, w = 1 / (sigma * sigma);
-  const Eigen::Matrix<double, 2, 5> axes = basis_.middleRows<2>(2);
-  const Matrix5d normal = w * axes.transpose() * axes;
+  const Matrix5d normal = basis_.transpose() * expected_.weight.asDiagonal() * basis_;
   for (int j = 0; j < lens_count(); ++j) {
-    const Eigen::Vector2d off =
-        Eigen::Vector2d(scene.lenses[j].cx, scene.lenses[j].cy) - options_.constraints.principal_point;
-    const LensVector gradient = w * axes.transpose() * off;
+    const LensVector off = scene.lenses[j].vector() - expected_.mean;
+    const LensVector gradient = basis_.transpose() * expected_.weight.cwiseProduct(off);
     const int first = lens_rows(j);
     elimination_.u().block(first, first, free_, free_) += normal.topLeftCorner(free_, free_);
     elimination_.gradient().segment(first, free_) += gradient.head(free_);
@@ -229,7 +218,7 @@ void StandardProblem::add_priors(const UncalibratedScene& scene) {
 void StandardProblem::normal_equations(const UncalibratedScene& scene) {
   elimination_.set_zero();
   for (int j = 0; j < index_.image_count(); ++j) linearize_image(j, scene);
-  if (has_prior()) add_priors(scene);
+  if (expected_.any()) add_priors(scene);
   damping_scale_ = elimination_.u().diagonal();
   if (role_ == LensRole::kUnknown) return;
   for (int j = 0; j < lens_count(); ++j) damping_scale_.segment(lens_rows(j), free_).setZero();

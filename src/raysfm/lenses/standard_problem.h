@@ -65,7 +65,6 @@ class StandardProblem {
   using Matrix26d = Eigen::Matrix<double, 2, 6>;
   using Matrix27d = Eigen::Matrix<double, 2, 7>;
   bool shared() const { return options_.constraints.equal; }
-  bool has_prior() const;
   int lens_count() const { return shared() ? 1 : index_.image_count(); }
   int lens_rows(int image) const { return shared() ? 6 * index_.image_count() : block_ * image + 6; }
   RadialDistortion moved(const RadialDistortion& radial, const Eigen::VectorXd& steps) const;
@@ -83,6 +82,7 @@ class StandardProblem {
   const ObservationIndex& index_;
   const LensAdjustmentOptions options_;
   const LensRole role_;
+  const LensExpectation expected_;
   UncalibratedScene scene_, trial_;
   RadialDistortion radial_, trial_radial_;
   bool fitting_ = false;  // dependent, and near enough

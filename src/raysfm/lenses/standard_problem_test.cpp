@@ -78,6 +78,9 @@ class StandardStep : public testing::TestWithParam<Case> {
       values.push_back((lens.cx - c.principal_point.x()) / c.principal_point_sigma);
       values.push_back((lens.cy - c.principal_point.y()) / c.principal_point_sigma);
     }
+    for (int j = 0; j < (c.equal ? 1 : images) && c.focal_sigma > 0; ++j) {
+      values.push_back((lens_of(j).fx - c.focal) / c.focal_sigma);
+    }
     return Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
   }
 
@@ -150,6 +153,9 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"fixed", {.zero_skew = false, .unit_aspect = false, .equal = true}},
         Case{"fixed_prior", {.equal = true, .principal_point_sigma = 20}}, Case{"zoom", {}},
         Case{"zoom_prior", {.principal_point_sigma = 20}},
+        Case{"fixed_focal_prior",
+             {.equal = true, .principal_point_sigma = 20, .focal_sigma = 8, .focal = 930}},
+        Case{"zoom_focal_prior", {.unit_aspect = false, .focal_sigma = 8, .focal = 930}},
         Case{"focal_length_alone", {.known_principal_point = true, .principal_point = {255, 245}}},
         Case{"five_numbers_each", {.zero_skew = false, .unit_aspect = false, .principal_point_sigma = 5}}),
     [](const auto& info) { return std::string(info.param.name); });

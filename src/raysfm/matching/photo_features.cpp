@@ -2,27 +2,23 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <new>
 #include <opencv2/features2d.hpp>
+
+#include "raysfm/matching/nearest_descriptors.h"
 
 namespace raysfm {
 namespace {
 
 constexpr float kMaxRatio = 0.8f;  // of the distances of the best and the second best
+constexpr int kLength = DescriptorTable::kLength;
 
-// Best of each row of `from` in `to`, -1 where it is not clearly the best.
-std::vector<int> clear_best(const cv::Mat& from, const cv::Mat& to) {
-  std::vector<int> best(from.rows, -1);
-  if (from.rows == 0 || to.rows < 2) return best;
-  std::vector<std::vector<cv::DMatch>> found;
-  cv::BFMatcher(cv::NORM_L2).knnMatch(from, to, found, 2);
-  for (const auto& two : found) {
-    if (two.size() == 2 && two[0].distance < kMaxRatio * two[1].distance) {
-      best[two[0].queryIdx] = two[0].trainIdx;
-    }
-  }
-  return best;
+// Squares of distances.
+bool is_clear(const NearestTwo& nearest) {
+  return nearest.second < DescriptorTable::kFar &&
+         static_cast<float>(nearest.first) < kMaxRatio * kMaxRatio * static_cast<float>(nearest.second);
 }
 
 // The descriptors are the roots of SIFT's, scaled to unit sum (Arandjelovic and Zisserman 2012).
@@ -37,14 +33,14 @@ class SiftFeatures : public PhotoFeatures {
                            static_cast<size_t>(image.stride));
       cv::SIFT::create(max_features)->detectAndCompute(pixels, cv::noArray(), points, descriptors);
     }
+    DescriptorTable& table = descriptors_.emplace_back();
     for (int r = 0; r < descriptors.rows; ++r) {
-      cv::Mat row = descriptors.row(r);
-      row /= std::max(1e-9, cv::norm(row, cv::NORM_L1));
+      Eigen::Matrix<float, kLength, 1> row(descriptors.ptr<float>(r));
+      row = (row / std::max(1e-9F, row.sum())).cwiseSqrt();
+      table.add(std::span<const float, kLength>(row.data(), kLength));
     }
-    if (!descriptors.empty()) cv::sqrt(descriptors, descriptors);
     std::vector<Eigen::Vector2d>& places = pixels_.emplace_back();
     for (const cv::KeyPoint& p : points) places.emplace_back(p.pt.x, p.pt.y);
-    descriptors_.push_back(descriptors);
     return {};
   } catch (const cv::Exception& e) {
     if (e.code == cv::Error::StsNoMem) throw std::bad_alloc();
@@ -54,22 +50,38 @@ class SiftFeatures : public PhotoFeatures {
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
 
-  std::vector<std::pair<int, int>> match(int a, int b) const override try {
-    const std::vector<int> forth = clear_best(descriptors_[a], descriptors_[b]);
-    const std::vector<int> back = clear_best(descriptors_[b], descriptors_[a]);
+  std::vector<std::pair<int, int>> match(int a, int b) const override {
+    std::vector<NearestTwo> forth, back;
+    find_nearest_two(descriptors_[a], descriptors_[b], &forth, &back);
     std::vector<std::pair<int, int>> matches;
     for (size_t i = 0; i < forth.size(); ++i) {
-      if (forth[i] >= 0 && back[forth[i]] == static_cast<int>(i)) matches.emplace_back(i, forth[i]);
+      if (!is_clear(forth[i])) continue;
+      const NearestTwo& other = back[forth[i].index];
+      if (is_clear(other) && other.index == static_cast<int>(i)) matches.emplace_back(i, forth[i].index);
     }
     return matches;
-  } catch (const cv::Exception& e) {
-    if (e.code == cv::Error::StsNoMem) throw std::bad_alloc();
-    throw;
+  }
+
+  // Whether a number of a descriptor is larger than that of the next cell, and than another of its own: the
+  // cells have eight directions each.
+  std::vector<Descriptor> codes(int photo) const override {
+    constexpr int kDirections = 8, kOther = 3;
+    const DescriptorTable& table = descriptors_[photo];
+    std::vector<Descriptor> codes(table.size());
+    for (int r = 0; r < table.size(); ++r) {
+      for (int i = 0; i < kLength; ++i) {
+        const int cell = i - i % kDirections;
+        const int next = (i + kDirections) % kLength, other = cell + (i + kOther) % kDirections;
+        codes[r].bits[i / 64] |= uint64_t{table.number(r, i) > table.number(r, next)} << (i % 64);
+        codes[r].bits[2 + i / 64] |= uint64_t{table.number(r, i) > table.number(r, other)} << (i % 64);
+      }
+    }
+    return codes;
   }
 
  private:
   std::vector<std::vector<Eigen::Vector2d>> pixels_;
-  std::vector<cv::Mat> descriptors_;
+  std::vector<DescriptorTable> descriptors_;
 };
 
 }  // namespace

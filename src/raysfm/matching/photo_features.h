@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raysfm/core/result.h"
+#include "raysfm/features/descriptor.h"
 #include "raysfm/image/image.h"
 
 namespace raysfm {
@@ -23,7 +24,10 @@ class PhotoFeatures {
   // Pixels of the points of a photo; centre of the first pixel at (0, 0).
   virtual const std::vector<Eigen::Vector2d>& pixels(int photo) const = 0;
   // Points of photo a and photo b that prefer each other clearly to all others.
+  // Any number of threads may ask at a time.
   virtual std::vector<std::pair<int, int>> match(int a, int b) const = 0;
+  // What the points of a photo look like, in 256 bits each, for an index of many photos.
+  virtual std::vector<Descriptor> codes(int photo) const = 0;
 };
 
 // SIFT. Errors: internal, where its module cannot be loaded.

@@ -76,6 +76,26 @@ TEST(PhotoFeatures, MatchesFollowTurnsScalesAndTilts) {
   EXPECT_GT(matches, 60);
 }
 
+TEST(PhotoFeatures, CodesOfMatchesAreAlikeAndOthersAreNot) {
+  const cv::Mat a = painting(1);
+  cv::Mat b;
+  cv::warpAffine(a, b, cv::getRotationMatrix2D({kWidth / 2, kHeight / 2}, 30, 0.9), a.size());
+  const auto features = *make_photo_features();
+  EXPECT_TRUE(features->add(gray_of(a).view(), 800));
+  EXPECT_TRUE(features->add(gray_of(b).view(), 800));
+  const std::vector<Descriptor> in_a = features->codes(0), in_b = features->codes(1);
+  ASSERT_EQ(in_a.size(), features->pixels(0).size());
+  double same = 0, other = 0;
+  const auto matches = features->match(0, 1);
+  ASSERT_GT(matches.size(), 100u);
+  for (const auto& [i, j] : matches) {
+    same += double(distance(in_a[i], in_b[j])) / double(matches.size());
+    other += double(distance(in_a[i], in_b[(j + 7) % in_b.size()])) / double(matches.size());
+  }
+  EXPECT_LT(same, 50);
+  EXPECT_GT(other, 90);
+}
+
 TEST(PhotoFeatures, ImagesOfDifferentThingsMatchHardly) {
   const auto features = *make_photo_features();
   EXPECT_TRUE(features->add(gray_of(painting(1)).view(), 1500));

@@ -150,11 +150,29 @@ const char* command_of(Origin origin) {
   return origin == Origin::kSolve ? "solve" : "adjust";
 }
 
+Json exif_json(const std::vector<ExifLens>& lenses) {
+  Json list = Json::array();
+  for (const ExifLens& lens : lenses) {
+    Json& json = list.emplace_back();
+    json["camera"] = lens.camera;
+    json["lens"] = lens.lens;
+    json["focal_mm"] = lens.focal_mm > 0 ? Json(lens.focal_mm) : Json();
+    json["photos"] = lens.photos;
+    json["first_photo"] = lens.first_photo;
+    json["focal_px"] = lens.focal_px > 0 ? Json(lens.focal_px) : Json();
+    json["focal_sigma_px"] = lens.focal_px > 0 ? Json(lens.focal_sigma_px) : Json();
+    json["source"] = lens.source;
+    json["not_used"] = lens.not_used.empty() ? Json() : Json(lens.not_used);
+  }
+  return list;
+}
+
 void write_lens(const LensReport& lens, Json* json) {
   (*json)["lens"] = lens.zooming ? "zooming" : "fixed";
   (*json)["lens_evidence"] = lens.evidence;
   (*json)["degenerate"] = lens.degenerate.empty() ? Json() : Json(lens.degenerate);
   (*json)["image_size"] = {lens.width, lens.height};
+  if (!lens.exif.empty()) (*json)["exif"] = exif_json(lens.exif);
 }
 
 void write_lens_origin(const LensOrigin& lens, Json* json) {

@@ -24,12 +24,24 @@ struct AdjustmentReport {
   double read_s = 0, solve_s = 0;
 };
 
+// What the EXIF of photos says of a lens that they were taken with.
+struct ExifLens {
+  std::string camera = {}, lens = {};  // empty: not said
+  double focal_mm = 0;                 // 0: not said
+  int photos = 0;
+  std::string first_photo = {};
+  double focal_px = 0, focal_sigma_px = 0;  // 0: not told
+  std::string source = {};                  // what that was worked out from
+  std::string not_used = {};                // why the focal length is not used; empty: it is
+};
+
 // What `solve` found out about the lens.
 struct LensReport {
   bool zooming = false;
   std::string evidence = {};
   std::string degenerate = {};  // empty, or the name of the motion or scene that does not tell the lens
   int width = 0, height = 0;    // of the images; where they differ, the largest of each
+  std::vector<ExifLens> exif = {};
 };
 
 // Where `track` has the lens from.

@@ -5,6 +5,8 @@
 #include <limits>
 #include <vector>
 
+#include "raysfm/uncalibrated/lens_choice.h"
+
 namespace raysfm {
 namespace {
 
@@ -13,6 +15,7 @@ namespace {
 constexpr double kTails = 2;
 constexpr int kReweightings = 6;
 constexpr double kLeastWidth = 1e-4;  // pixels
+constexpr int kRadialTerms = 2;       // k1, k2
 
 struct TrackResiduals {
   std::vector<double> square;  // sums over the observations of a point
@@ -144,8 +147,7 @@ Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8
     correction = slope_correction(r, width);
     for (int k = 0; k < tracks.size(); ++k)
       weights[k] = used[k] ? weight_of_track(r, tracks.point[k], width) : 0;
-    adjustment.constraints.principal_point_sigma =
-        options.principal_point_sigma * tracks.image_size.maxCoeff() / width;
+    adjustment.constraints = constraints_for(tracks, options, true, width);
     adjustment.radial = result.radial;
     adjustment.with_influence = i + 1 == kReweightings;
     auto summary = adjust_standard(tracks, weights, adjustment, &result.scene);
@@ -160,28 +162,6 @@ Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8
   return result;
 }
 
-Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<const uint8_t> used,
-                                        const SolveOptions& options, const UncalibratedScene& start,
-                                        const RadialDistortion& radial) {
-  auto free = adjust_one_lens(tracks, used, options, 2, start, radial);
-  const double corner = 0.5 * tracks.image_size.norm();
-  for (int terms = 2; free && terms > 0; --terms) {
-    const double focal = free->scene.lenses.front().fx;
-    const double last = terms == 2 ? free->radial.k2 : free->radial.k1;
-    const double effect = last * focal * std::pow(corner / focal, 2 * terms + 1);
-    if (is_told(last, free->sigma[4 + terms], effect)) return free;
-    const RadialDistortion left{terms == 2 ? free->radial.k1 : 0, 0};
-    auto fewer = adjust_one_lens(tracks, used, options, terms - 1, free->scene, left);
-    if (!fewer) return free;
-    if (terms == 1) {
-      const LensNumbers change = numbers_of(free->scene, free->radial) - numbers_of(fewer->scene, {});
-      for (int i = 0; i < 5; ++i) fewer->sigma[i] = std::hypot(fewer->sigma[i], change[i]);
-    }
-    free = std::move(fewer);
-  }
-  return free;
-}
-
 Result<void> widen_by_other_weights(const PointTracks& tracks, std::span<const uint8_t> used,
                                     const SolveOptions& options, OneLens* lens) {
   LensAdjustmentOptions adjustment = adjustment_from_near(tracks, options, lens->terms);
@@ -194,6 +174,86 @@ Result<void> widen_by_other_weights(const PointTracks& tracks, std::span<const u
   const LensNumbers change = numbers_of(scene, summary->radial) - numbers_of(lens->scene, lens->radial);
   for (int i = 0; i < change.size(); ++i) lens->sigma[i] = std::hypot(lens->sigma[i], change[i]);
   return {};
+}
+
+Result<OneLens> adjust_one_lens_widened(const PointTracks& tracks, std::span<const uint8_t> used,
+                                        const SolveOptions& options, int radial_terms,
+                                        const UncalibratedScene& start, const RadialDistortion& radial) {
+  auto lens = adjust_one_lens(tracks, used, options, radial_terms, start, radial);
+  if (!lens) return lens;
+  if (auto r = widen_by_other_weights(tracks, used, options, &*lens); !r) return r.error();
+  return lens;
+}
+
+Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<const uint8_t> used,
+                                        const SolveOptions& options, const UncalibratedScene& start,
+                                        const RadialDistortion& radial) {
+  auto free = adjust_one_lens_widened(tracks, used, options, kRadialTerms, start, radial);
+  const double corner = 0.5 * tracks.image_size.norm();
+  for (int terms = kRadialTerms; free && terms > 0; --terms) {
+    const double focal = free->scene.lenses.front().fx;
+    const double last = terms == 2 ? free->radial.k2 : free->radial.k1;
+    const double effect = last * focal * std::pow(corner / focal, 2 * terms + 1);
+    if (is_told(last, free->sigma[4 + terms], effect)) return free;
+    const RadialDistortion left{terms == 2 ? free->radial.k1 : 0, 0};
+    auto fewer = adjust_one_lens_widened(tracks, used, options, terms - 1, free->scene, left);
+    if (!fewer) return free;
+    if (terms == 1) {
+      const LensNumbers change = numbers_of(free->scene, free->radial) - numbers_of(fewer->scene, {});
+      for (int i = 0; i < 5; ++i) fewer->sigma[i] = std::hypot(fewer->sigma[i], change[i]);
+    }
+    free = std::move(fewer);
+  }
+  return free;
+}
+
+Result<OneLens> adjust_one_lens_to_the_end(const PointTracks& tracks, std::span<const uint8_t> used,
+                                           const SolveOptions& options, const UncalibratedScene& start,
+                                           const RadialDistortion& radial) {
+  if (options.radial == RadialChoice::kIfSure) {
+    return adjust_one_lens_as_told(tracks, used, options, start, radial);
+  }
+  const int terms = options.radial == RadialChoice::kFree ? kRadialTerms : 0;
+  return adjust_one_lens_widened(tracks, used, options, terms, start, radial);
+}
+
+void add_model_error(UncalibratedReconstruction* result) {
+  constexpr double kModelError = 0.005;
+  for (size_t j = 0; j < result->lens_sigma.size(); ++j) {
+    for (const int focal : {0, 1}) {
+      double& sigma = result->lens_sigma[j][focal];
+      sigma = std::hypot(sigma, kModelError * result->scene.lenses[j].vector()[focal]);
+    }
+  }
+}
+
+bool adjusts_one_lens(const SolveOptions& options, const UncalibratedReconstruction& result) {
+  return !result.zooming && options.method != LensMethod::kIntrinsicsFree;
+}
+
+void take_lens(const PointTracks& tracks, std::span<const uint8_t> judged, const SolveOptions& options,
+               OneLens lens, UncalibratedReconstruction* result) {
+  result->scene = std::move(lens.scene);
+  result->radial = lens.radial;
+  result->radial_sigma = {lens.radial.k1 != 0 ? lens.sigma[5] : 0, lens.radial.k2 != 0 ? lens.sigma[6] : 0};
+  result->lens_sigma.assign(tracks.image_count, lens.sigma.head<5>());
+  result->adjustment = std::move(lens.adjustment);
+  std::vector<int> good(tracks.point_count, 0), seen(tracks.point_count, 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    result->inlier[k] = 0;
+    if (!judged[image] || !result->image_posed[image]) continue;
+    ++seen[point];
+    if (!result->point_placed[point]) continue;
+    result->inlier[k] =
+        pixel_residual(tracks, result->scene, result->radial, k).norm() < options.max_error_px;
+    good[point] += result->inlier[k];
+  }
+  for (int i = 0; i < tracks.point_count; ++i) {
+    result->point_placed[i] = good[i] >= 2 && 2 * good[i] > seen[i];
+  }
+  for (int k = 0; k < tracks.size(); ++k) result->inlier[k] &= result->point_placed[tracks.point[k]];
+  result->rms_px = rms_error(tracks, result->scene, result->radial, result->inlier);
 }
 
 }  // namespace raysfm

@@ -33,16 +33,38 @@ Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8
                                 const SolveOptions& options, int radial_terms, const UncalibratedScene& start,
                                 const RadialDistortion& radial = {});
 
-// The same with as many coefficients as the images tell. What a coefficient that they do not tell would
-// change of the lens is in its standard deviations.
-Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<const uint8_t> used,
-                                        const SolveOptions& options, const UncalibratedScene& start,
-                                        const RadialDistortion& radial = {});
-
 // Adds to the standard deviations, in squares, by how much the lens is another where single observations and
 // not tracks are judged, by Huber's loss. Where the model holds both find the same lens but for noise; what
 // is between them tells of errors that are no noise (Hausman, Econometrica 46(6), 1978).
 Result<void> widen_by_other_weights(const PointTracks& tracks, std::span<const uint8_t> used,
                                     const SolveOptions& options, OneLens* lens);
+
+// Both in turn.
+Result<OneLens> adjust_one_lens_widened(const PointTracks& tracks, std::span<const uint8_t> used,
+                                        const SolveOptions& options, int radial_terms,
+                                        const UncalibratedScene& start, const RadialDistortion& radial = {});
+
+// The same with as many coefficients as the images tell, by these standard deviations. What a coefficient
+// that they do not tell would change of the lens is in its standard deviations.
+Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<const uint8_t> used,
+                                        const SolveOptions& options, const UncalibratedScene& start,
+                                        const RadialDistortion& radial = {});
+
+// As the options want the distortion.
+Result<OneLens> adjust_one_lens_to_the_end(const PointTracks& tracks, std::span<const uint8_t> used,
+                                           const SolveOptions& options, const UncalibratedScene& start,
+                                           const RadialDistortion& radial);
+
+// Adds half a percent to the standard deviations of the focal lengths, in squares: a rolling shutter, blur,
+// and what a model does not describe of a lens are the same for all points, so that no spread tells of them.
+void add_model_error(UncalibratedReconstruction* result);
+
+// Whether the reconstruction ends with the adjustment of one lens.
+bool adjusts_one_lens(const SolveOptions& options, const UncalibratedReconstruction& result);
+
+// Puts the lens with its standard deviations into the reconstruction, and marks the observations of the
+// `judged` images (1; one per image) that agree with it, and the points that have enough of them.
+void take_lens(const PointTracks& tracks, std::span<const uint8_t> judged, const SolveOptions& options,
+               OneLens lens, UncalibratedReconstruction* result);
 
 }  // namespace raysfm

@@ -25,16 +25,27 @@ enum class ErrorRelation {
   kWithinImages,  // photos: what the lens has beyond a focal length moves all points of an image
 };
 
+// Radial distortion of photos with one lens, and of a video.
+enum class RadialChoice {
+  kNone,   // lenses map straight lines to straight lines
+  kFree,   // k1 and k2 of one lens are estimated at the end, k1 alone, for all images, where a video zooms
+  kIfSure  // the same, each kept where the images leave no doubt about it
+};
+
 // How a scene of unknown lenses is reconstructed.
 struct SolveOptions {
   LensChange lens = LensChange::kAuto;
   LensMethod method = LensMethod::kPolished;
   ConstraintMethod constraints = ConstraintMethod::kWeights;
   ErrorRelation errors = ErrorRelation::kNone;
+  RadialChoice radial = RadialChoice::kIfSure;
   double max_error_px = 3.0;  // of an inlier, > 0
   // Standard deviation of the principal point about the centre of the image, as a share of the image's
   // larger side; 0: nothing is known of it.
   double principal_point_sigma = 0.03;
+  // What is said of the focal length of one lens of photos, pixels, and the standard deviation of that; 0:
+  // nothing is.
+  double focal = 0, focal_sigma = 0;
   int max_samples = 2000;  // of each RANSAC, > 0
   uint64_t seed = 0;
   // Asked in every long loop, from any thread; false: end with what there is, or with none. Empty: to the
@@ -64,8 +75,13 @@ struct UncalibratedReconstruction {
   std::map<std::string, StageTiming> stages;  // where they are told apart
 };
 
-// What the options say of the lenses; `equal`: one lens for all images.
-LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal);
+// What the options say of the lenses; `equal`: one lens for all images. `noise_px`: standard deviation of an
+// observation, for which a third of the largest error allowed is a fair guess.
+LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal,
+                                double noise_px);
+inline LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& options, bool equal) {
+  return constraints_for(tracks, options, equal, options.max_error_px / 3);
+}
 
 // The start alone (IFBA01 4.2): every image and point must be reached. For comparing what follows it.
 Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,

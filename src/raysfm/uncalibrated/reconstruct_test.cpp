@@ -90,6 +90,49 @@ TEST(Reconstruct, SameSeedSameBits) {
   EXPECT_EQ(a->scene.points[5], b->scene.points[5]);
 }
 
+// Photos of one lens that bends, with matches some of which are off by pixels: with least squares, or without
+// the distortion, the focal length is another.
+TEST(Reconstruct, PhotosOfABendingLensWithPoorMatches) {
+  Rng rng(8);
+  const RadialDistortion radial{-0.8, 0};
+  Cube cube = make_cube({.images = 12, .points = 150}, &rng);
+  PointTracks& tracks = cube.tracks;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const Lens& lens = cube.truth.lenses[0];
+    tracks.pixel[k] = lens.pixel(radial(lens.normalised(tracks.pixel[k])));
+  }
+  add_noise(0.1, &rng, &tracks);
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (rng.uniform() < 0.05) tracks.pixel[k] += Eigen::Vector2d(rng.uniform(0, 2), rng.uniform(-1, 1));
+  }
+  const auto result = reconstruct(tracks, {.errors = ErrorRelation::kWithinImages});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_FALSE(result->zooming) << result->lens_evidence;
+  EXPECT_LT(focal_error(*result, cube.truth), 0.005);
+  EXPECT_NEAR(result->radial.k1, radial.k1, 0.05);
+  EXPECT_LT(std::abs(result->scene.lenses[0].fx - 1000), 3 * result->lens_sigma[0][0]);
+  const auto straight =
+      reconstruct(tracks, {.errors = ErrorRelation::kWithinImages, .radial = RadialChoice::kNone});
+  ASSERT_TRUE(straight.ok()) << straight.error().message;
+  EXPECT_TRUE(straight->radial.none());
+  EXPECT_GT(focal_error(*straight, cube.truth), 2 * focal_error(*result, cube.truth));
+}
+
+// Two photos alone do not tell a lens.
+TEST(Reconstruct, TwoPhotosWithAFocalLengthThatIsSaid) {
+  Rng rng(9);
+  Cube cube = make_cube({.images = 2, .points = 80, .arc = 0.4}, &rng);
+  add_noise(0.2, &rng, &cube.tracks);
+  SolveOptions options{.errors = ErrorRelation::kWithinImages};
+  const auto without = reconstruct(cube.tracks, options);
+  EXPECT_TRUE(!without.ok() || focal_error(*without, cube.truth) > 0.05);
+  options.focal = 1010, options.focal_sigma = 20;
+  const auto result = reconstruct(cube.tracks, options);
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_LT(focal_error(*result, cube.truth), 0.03);
+  EXPECT_LT(placed_structure_error(*result, cube.truth), 0.02);
+}
+
 std::string failure(const PointTracks& tracks) {
   const auto result = reconstruct(tracks, {});
   return result.ok() ? "" : result.error().message;

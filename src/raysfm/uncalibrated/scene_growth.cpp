@@ -5,7 +5,10 @@
 #include <cmath>
 
 #include "raysfm/core/median.h"
+#include "raysfm/core/random.h"
+#include "raysfm/geometry/rotation.h"
 #include "raysfm/geometry/triangulation.h"
+#include "raysfm/projective/eight_point.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/solvers/five_point.h"
 #include "raysfm/uncalibrated/video_resection.h"
@@ -147,13 +150,55 @@ bool pose_left_image(const KnownPoints& known, const Lens& lens, bool zooming, c
   return most > 0;
 }
 
+// Squares of the distances of the inliers of a pair from the epipolar lines of an essential matrix, each at
+// most that of the largest error.
+double epipolar_cost(const ViewPair& pair, const Eigen::Matrix3d& essential, const Eigen::Matrix3d& inverse_k,
+                     double max_error) {
+  const Eigen::Matrix3d fundamental = inverse_k.transpose() * essential * inverse_k;
+  double sum = 0;
+  for (size_t i = 0; i < pair.matches.a.size(); ++i) {
+    if (!pair.inlier[i]) continue;
+    sum += std::min(max_error * max_error, sampson_error2(fundamental, pair.matches.a[i], pair.matches.b[i]));
+  }
+  return sum;
+}
+
+// A fundamental matrix is that of lenses of a given focal length but for noise, which may be much where the
+// images are narrow.
+Eigen::Matrix3d best_essential(const ViewPair& pair, const Lens& lens,
+                               const std::vector<Eigen::Vector3d>& first,
+                               const std::vector<Eigen::Vector3d>& second, const SolveOptions& options) {
+  constexpr int kSamples = 200, kSize = 5;
+  const Eigen::Matrix3d k = lens.matrix(), inverse_k = k.inverse();
+  Rigid3 pose;
+  choose_pose(k.transpose() * pair.fundamental * k, first, second, &pose);
+  Eigen::Matrix3d best = skew(pose.translation) * pose.rotation.toRotationMatrix();
+  double least = epipolar_cost(pair, best, inverse_k, options.max_error_px);
+  Rng rng(options.seed, static_cast<uint64_t>(pair.images[0]));
+  for (int s = 0; s < kSamples && first.size() >= kSize; ++s) {
+    std::array<Eigen::Vector3d, kSize> a, b;
+    for (int i = 0; i < kSize; ++i) {
+      const uint32_t match = rng.index(static_cast<uint32_t>(first.size()));
+      a[i] = first[match], b[i] = second[match];  // one taken twice gives nothing good
+    }
+    std::array<Eigen::Matrix3d, 10> essentials;
+    const int count = five_point(a, b, &essentials);
+    for (int e = 0; e < count; ++e) {
+      const double cost = epipolar_cost(pair, essentials[e], inverse_k, options.max_error_px);
+      if (cost < least) least = cost, best = essentials[e];
+    }
+  }
+  return best;
+}
+
 }  // namespace
 
 int GrowingScene::posed() const {
   return static_cast<int>(std::ranges::count(image_posed, 1));
 }
 
-bool euclidean_start(const PointTracks& tracks, const ViewPair& pair, double focal, GrowingScene* scene) {
+bool euclidean_start(const PointTracks& tracks, const ViewPair& pair, double focal,
+                     const SolveOptions& options, GrowingScene* scene) {
   const Lens lens{focal, focal, tracks.centre().x(), tracks.centre().y(), 0};
   std::vector<Eigen::Vector3d> bearings[2];
   for (size_t i = 0; i < pair.matches.a.size(); ++i) {
@@ -161,10 +206,9 @@ bool euclidean_start(const PointTracks& tracks, const ViewPair& pair, double foc
     bearings[0].push_back(ray_of_pixel({}, lens, pair.matches.a[i]).direction);
     bearings[1].push_back(ray_of_pixel({}, lens, pair.matches.b[i]).direction);
   }
-  const Eigen::Matrix3d k = lens.matrix();
+  const Eigen::Matrix3d essential = best_essential(pair, lens, bearings[0], bearings[1], options);
   Rigid3 second_from_first;
-  const int in_front =
-      choose_pose(k.transpose() * pair.fundamental * k, bearings[0], bearings[1], &second_from_first);
+  const int in_front = choose_pose(essential, bearings[0], bearings[1], &second_from_first);
   if (2 * in_front < pair.inliers) return false;
   scene->scene.cam_from_world.assign(tracks.image_count, Rigid3{});
   scene->scene.lenses.assign(tracks.image_count, lens);

@@ -18,9 +18,11 @@ struct GrowingScene {
   int posed() const;
 };
 
-// Two images and what they share, seen with lenses of this focal length, from their fundamental matrix (in
-// pixels). False where that puts hardly a point in front of both.
-bool euclidean_start(const PointTracks& tracks, const ViewPair& pair, double focal, GrowingScene* scene);
+// Two images and what they share, seen with lenses of this focal length: from five of the inliers of the pair
+// (in pixels), or from its fundamental matrix, whichever more agree with. False where that puts hardly a
+// point in front of both.
+bool euclidean_start(const PointTracks& tracks, const ViewPair& pair, double focal,
+                     const SolveOptions& options, GrowingScene* scene);
 
 // Points that two or more posed images see under more than about a degree, and that agree with more than half
 // of them.

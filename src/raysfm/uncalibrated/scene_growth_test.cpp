@@ -34,7 +34,7 @@ TEST(SceneGrowth, AllImagesFromTwoOfAKnownFocalLength) {
   const auto pair = farthest_pair(ImageObservations(cube.tracks), 1, 500, 0);
   ASSERT_TRUE(pair.ok());
   GrowingScene scene;
-  ASSERT_TRUE(euclidean_start(cube.tracks, *pair, 1000, &scene));
+  ASSERT_TRUE(euclidean_start(cube.tracks, *pair, 1000, {}, &scene));
   EXPECT_EQ(scene.posed(), 2);
   place_left_points(cube.tracks, 1, &scene);
   EXPECT_EQ(std::ranges::count(scene.point_placed, 1), 60);

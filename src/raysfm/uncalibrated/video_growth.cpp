@@ -168,11 +168,7 @@ void VideoGrowth::judge(int point) {
 
 LensAdjustmentOptions VideoGrowth::adjustment_options() const {
   LensAdjustmentOptions adjustment;
-  LensConstraints& constraints = adjustment.constraints;
-  constraints.equal = !result_.zooming;
-  constraints.principal_point = tracks_.centre();
-  constraints.principal_point_sigma =
-      options_.principal_point_sigma * tracks_.image_size.maxCoeff() / (options_.max_error_px / 3);
+  adjustment.constraints = constraints_for(tracks_, options_, !result_.zooming);
   adjustment.method = options_.constraints;
   adjustment.loss = {RobustLoss::Kind::kHuber, options_.max_error_px / 3};
   adjustment.with_sigma = false;

@@ -8,6 +8,7 @@
 #include "raysfm/core/median.h"
 #include "raysfm/projective/degeneracy.h"
 #include "raysfm/projective/video_motion.h"
+#include "raysfm/uncalibrated/dense_groups.h"
 #include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/one_lens.h"
 #include "raysfm/uncalibrated/video_growth.h"
@@ -16,13 +17,10 @@
 namespace raysfm {
 namespace {
 
-constexpr int kStartImages = 16;  // key frames
-constexpr int kStarts = 5;        // stretches tried
+constexpr int kStartImages = 16;               // key frames
+constexpr int kStarts = 5;                     // stretches tried
+constexpr int kGroupImages = 24, kGroups = 3;  // of photos
 constexpr double kSureFocal = 0.01;
-constexpr int kRadialTerms = 2;  // k1, k2
-// Of a focal length: rolling shutter, blur, and what two coefficients do not describe of a lens are the same
-// for all tracks, so that no spread tells of them.
-constexpr double kModelError = 0.005;
 
 std::vector<int> marked(std::span<const uint8_t> marks) {
   std::vector<int> numbers;
@@ -102,19 +100,36 @@ double doubt(const UncalibratedReconstruction& start) {
   return median_of(&sigmas) * double(start.image_posed.size()) / posed;
 }
 
-// The best of a few stretches of key frames.
-Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const std::vector<int>& keyframes,
-                                              const SolveOptions& options, const GrowthControl& control) {
+// Images to start from: stretches of key frames, or groups of photos.
+std::vector<std::vector<int>> start_images(const PointTracks& tracks, const std::vector<int>& keyframes,
+                                           bool in_order) {
+  if (!in_order) return dense_groups(tracks, kGroupImages, kGroups);
   const int count = static_cast<int>(keyframes.size());
   const int length = std::min(count, kStartImages);
   const int starts = count > length ? std::clamp(2 * count / length, 2, kStarts) : 1;
+  std::vector<std::vector<int>> stretches;
+  for (int s = 0; s < starts; ++s) {
+    const auto first = keyframes.begin() + (starts > 1 ? (count - length) * s / (starts - 1) : 0);
+    stretches.emplace_back(first, first + length);
+  }
+  return stretches;
+}
+
+// The best of a few starts.
+Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const std::vector<int>& keyframes,
+                                              const SolveOptions& options, const GrowthControl& control,
+                                              bool in_order) {
+  SolveOptions of_start = options;
+  of_start.radial = RadialChoice::kNone;  // it is looked for when all is there
   Result<UncalibratedReconstruction> best =
       no_reconstruction("start: no stretch of the video determines one");
   double least = INFINITY;
-  for (int s = 0; s < starts && least > kSureFocal && (s == 0 || !control.stopped()); ++s) {
-    const int first = starts > 1 ? (count - length) * s / (starts - 1) : 0;
-    const Stretch stretch = cut(tracks, std::span(keyframes).subspan(first, length));
-    const auto part = reconstruct(stretch.tracks, options);
+  bool first = true;
+  for (const std::vector<int>& images : start_images(tracks, keyframes, in_order)) {
+    if (!(least > kSureFocal) || (!first && control.stopped())) break;
+    first = false;
+    const Stretch stretch = cut(tracks, images);
+    const auto part = reconstruct(stretch.tracks, of_start);
     if (options.stopped() && !best) return no_reconstruction("interrupted");
     if (!part && !best && !std::isfinite(least)) best = part.error();
     if (!part || !(doubt(*part) < least)) continue;
@@ -161,14 +176,16 @@ bool is_sure(const PointTracks& tracks, const UncalibratedReconstruction& r, con
          std::abs(estimate.k1) * std::pow(corner, 3) > kLeastEffect * middle * middle;
 }
 
-// The end of zooming lenses, or by the intrinsics-free adjustment: the distortion is looked for beside it.
+// The end of zooming lenses, or by the intrinsics-free adjustment: the distortion of a video is looked for
+// beside it.
 Result<void> finish_lenses(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                           const SolveOptions& options, RadialChoice choice, const GrowthControl& control,
-                           VideoGrowth* growth, UncalibratedReconstruction* result) {
-  if (choice == RadialChoice::kNone || control.stopped()) return growth->finish();
+                           const SolveOptions& options, const GrowthControl& control, VideoGrowth* growth,
+                           UncalibratedReconstruction* result) {
+  const bool photos = options.errors == ErrorRelation::kWithinImages;
+  if (photos || options.radial == RadialChoice::kNone || control.stopped()) return growth->finish();
   std::optional<RadialEstimate> estimate = growth->radial();
   if (!estimate || control.stopped() ||
-      (choice == RadialChoice::kIfSure && !is_sure(tracks, *result, *estimate))) {
+      (options.radial == RadialChoice::kIfSure && !is_sure(tracks, *result, *estimate))) {
     return growth->finish();
   }
   result->scene = std::move(estimate->scene);
@@ -185,59 +202,19 @@ Result<void> finish_lenses(const PointTracks& tracks, std::span<const uint8_t> k
   return {};
 }
 
-// The lens with its standard deviations, and the observations in key frames that agree with it.
-void take_lens(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
-               OneLens lens, UncalibratedReconstruction* result) {
-  result->scene = std::move(lens.scene);
-  result->radial = lens.radial;
-  result->radial_sigma = {lens.radial.k1 != 0 ? lens.sigma[5] : 0, lens.radial.k2 != 0 ? lens.sigma[6] : 0};
-  result->lens_sigma.assign(tracks.image_count, lens.sigma.head<5>());
-  result->adjustment = std::move(lens.adjustment);
-  std::vector<int> good(tracks.point_count, 0), seen(tracks.point_count, 0);
-  for (int k = 0; k < tracks.size(); ++k) {
-    const int image = tracks.image[k], point = tracks.point[k];
-    result->inlier[k] = 0;
-    if (!keyframe[image] || !result->image_posed[image]) continue;
-    ++seen[point];
-    if (!result->point_placed[point]) continue;
-    result->inlier[k] =
-        pixel_residual(tracks, result->scene, result->radial, k).norm() < options.max_error_px;
-    good[point] += result->inlier[k];
-  }
-  for (int i = 0; i < tracks.point_count; ++i) {
-    result->point_placed[i] = good[i] >= 2 && 2 * good[i] > seen[i];
-  }
-  for (int k = 0; k < tracks.size(); ++k) result->inlier[k] &= result->point_placed[tracks.point[k]];
-  result->rms_px = rms_error(tracks, result->scene, result->radial, result->inlier);
-}
-
-bool adjusts_one_lens(const SolveOptions& options, const UncalibratedReconstruction& result) {
-  return !result.zooming && options.method != LensMethod::kIntrinsicsFree;
-}
-
 // The end of one lens: adjusted together with its distortion.
 Result<void> finish_one_lens(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                             const SolveOptions& options, RadialChoice choice, const GrowthControl& control,
-                             VideoGrowth* growth, UncalibratedReconstruction* result) {
+                             const SolveOptions& options, const GrowthControl& control, VideoGrowth* growth,
+                             UncalibratedReconstruction* result) {
   if (auto r = growth->finish(); !r) return r;
-  const auto adjusted = [&]() -> Result<OneLens> {
-    const ScopedTimer timer(result->stages["distortion"]);
-    auto lens = choice == RadialChoice::kIfSure
-                    ? adjust_one_lens_as_told(tracks, result->inlier, options, result->scene, result->radial)
-                    : adjust_one_lens(tracks, result->inlier, options,
-                                      choice == RadialChoice::kFree ? kRadialTerms : 0, result->scene,
-                                      result->radial);
-    if (!lens) return lens;
-    if (auto r = widen_by_other_weights(tracks, result->inlier, options, &*lens); !r) return r.error();
-    return lens;
-  };
   for (int round = 0; round < 2 && !control.stopped() && !options.stopped(); ++round) {
     if (round > 0) {  // what the distortion kept out may come in now
       if (result->radial.none()) break;
       const PointTracks ideal = ideal_tracks(tracks, *result);
       if (auto r = VideoGrowth(ideal, keyframe, options, result).grow(control); !r) return r;
     }
-    auto lens = adjusted();
+    const ScopedTimer timer(result->stages["distortion"]);
+    auto lens = adjust_one_lens_to_the_end(tracks, result->inlier, options, result->scene, result->radial);
     if (!lens) return lens.error();
     take_lens(tracks, keyframe, options, std::move(*lens), result);
   }
@@ -246,27 +223,26 @@ Result<void> finish_one_lens(const PointTracks& tracks, std::span<const uint8_t>
 
 // Adjusts to the end, with the distortion where there is one.
 Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe, const SolveOptions& options,
-                    RadialChoice choice, const GrowthControl& control, VideoGrowth* growth,
-                    UncalibratedReconstruction* result) {
+                    const GrowthControl& control, VideoGrowth* growth, UncalibratedReconstruction* result) {
   return adjusts_one_lens(options, *result)
-             ? finish_one_lens(tracks, keyframe, options, choice, control, growth, result)
-             : finish_lenses(tracks, keyframe, options, choice, control, growth, result);
+             ? finish_one_lens(tracks, keyframe, options, control, growth, result)
+             : finish_lenses(tracks, keyframe, options, control, growth, result);
 }
 
 Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
-                                         const SolveOptions& options, RadialChoice radial,
-                                         const GrowthControl& control) {
+                                         const SolveOptions& options, const GrowthControl& control,
+                                         bool in_order) {
   const std::vector<int> keyframes = marked(keyframe);
   StageTiming start_time;
   Result<UncalibratedReconstruction> result = [&] {
     const ScopedTimer timer(start_time);
-    return find_start(tracks, keyframes, options, control);
+    return find_start(tracks, keyframes, options, control, in_order);
   }();
   if (!result) return result;
   result->stages["start"] = start_time;
   VideoGrowth growth(tracks, keyframe, options, &*result);
   if (auto grown = growth.grow(control); !grown) return grown.error();
-  if (auto finished = finish(tracks, keyframe, options, radial, control, &growth, &*result); !finished) {
+  if (auto finished = finish(tracks, keyframe, options, control, &growth, &*result); !finished) {
     return finished.error();
   }
   return result;
@@ -288,10 +264,10 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
       posed[i] = count;
       if (video.progress) video.progress(std::min(posed[0], posed[1]), keyframes);
     };
-    found[i] = build(tracks, keyframe, own, video.radial, {progress, video.stop});
+    found[i] = build(tracks, keyframe, own, {progress, video.stop}, video.in_order);
   });
   return choose_lens(tracks, keyframe, std::move(found[0]), std::move(found[1]), options.max_error_px,
-                     ErrorRelation::kAlongTracks);
+                     video.in_order ? ErrorRelation::kAlongTracks : options.errors);
 }
 
 Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::span<const uint8_t> keyframe,
@@ -300,17 +276,7 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
   const auto progress = [&](int posed) {
     if (video.progress) video.progress(posed, keyframes);
   };
-  return build(tracks, keyframe, options, video.radial, {progress, video.stop});
-}
-
-// To the standard deviations of the focal lengths, what is the same for all tracks.
-void add_model_error(UncalibratedReconstruction* result) {
-  for (size_t j = 0; j < result->lens_sigma.size(); ++j) {
-    for (const int focal : {0, 1}) {
-      double& sigma = result->lens_sigma[j][focal];
-      sigma = std::hypot(sigma, kModelError * result->scene.lenses[j].vector()[focal]);
-    }
-  }
+  return build(tracks, keyframe, options, {progress, video.stop}, video.in_order);
 }
 
 // Standard deviations, and the images that are no key frames.
@@ -337,8 +303,10 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
     return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
                      std::to_string(tracks.image_count));
   }
-  const HopelessMotion hopeless =
-      hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
+  HopelessMotion hopeless;
+  if (video.in_order) {
+    hopeless = hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
+  }
   if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
   ThreadPool pool(video.threads - 1);
   Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto

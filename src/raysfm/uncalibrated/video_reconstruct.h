@@ -10,15 +10,11 @@
 
 namespace raysfm {
 
-enum class RadialChoice {
-  kNone,   // lenses map straight lines to straight lines
-  kFree,   // k1 and k2 of one lens are estimated at the end, k1 alone, for all images, where it zooms
-  kIfSure  // the same, each kept where the images leave no doubt about it
-};
-
 // What reconstruct_video() takes beside what is common to all images.
 struct VideoOptions {
-  RadialChoice radial = RadialChoice::kIfSure;
+  // False: photos, of which one sees what any other may see. They start from a group that sees much of one
+  // another in the place of a stretch.
+  bool in_order = true;
   int threads = 1;  // > 0; never changes a result
   // Key frames with a pose, of all; one call at a time, from any thread.
   std::function<void(int posed, int keyframes)> progress = nullptr;

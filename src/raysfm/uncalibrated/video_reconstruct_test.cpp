@@ -101,7 +101,7 @@ TEST(ReconstructVideo, DistortionIsFoundWithItsStandardDeviation) {
   EXPECT_LT(worst_focal_error_of_posed(walk, *result), 0.005);
   EXPECT_LT(result->rms_px, 0.35);
   // Without it the focal length takes up what it can.
-  const auto without = reconstruct_video(walk.tracks, walk.keyframe, {}, {.radial = RadialChoice::kNone});
+  const auto without = reconstruct_video(walk.tracks, walk.keyframe, {.radial = RadialChoice::kNone});
   ASSERT_TRUE(without.ok());
   EXPECT_TRUE(without->radial.none());
   EXPECT_GT(worst_focal_error_of_posed(walk, *without), 0.01);
@@ -110,7 +110,7 @@ TEST(ReconstructVideo, DistortionIsFoundWithItsStandardDeviation) {
 // Images that an adjustment left out, or that came in with the distortion, have the lens of all, too.
 TEST(ReconstructVideo, OneLensHasOneStandardDeviation) {
   const Walk walk = make_walk(60, 0, 0.2, -0.1);
-  const auto result = reconstruct_video(walk.tracks, walk.keyframe, {}, {.radial = RadialChoice::kIfSure});
+  const auto result = reconstruct_video(walk.tracks, walk.keyframe, {.radial = RadialChoice::kIfSure});
   ASSERT_TRUE(result.ok()) << result.error().message;
   ASSERT_FALSE(result->zooming);
   const auto first = std::ranges::find(result->image_posed, 1) - result->image_posed.begin();
@@ -127,8 +127,8 @@ TEST(ReconstructVideo, NoDistortionIsFoundWhereThereIsNone) {
   const auto sure = reconstruct_video(walk.tracks, walk.keyframe, {});
   ASSERT_TRUE(sure.ok()) << sure.error().message;
   EXPECT_TRUE(sure->radial.none());
-  const auto free = reconstruct_video(walk.tracks, walk.keyframe, {.lens = LensChange::kFixed},
-                                      {.radial = RadialChoice::kFree});
+  const auto free = reconstruct_video(walk.tracks, walk.keyframe,
+                                      {.lens = LensChange::kFixed, .radial = RadialChoice::kFree});
   ASSERT_TRUE(free.ok()) << free.error().message;
   EXPECT_LT(std::abs(free->radial.k1), 4 * free->radial_sigma.k1);
 }

@@ -1,0 +1,79 @@
+#include "raysfm/photos/photo_pairs.h"
+
+#include <algorithm>
+
+#include "raysfm/places/place_index.h"
+#include "raysfm/projective/view_pair.h"
+
+namespace raysfm {
+namespace {
+
+constexpr int kMostAlike = 20;  // photos that one is compared with because they look alike
+constexpr int kInTurn = 2;      // that were taken before it, and after it
+constexpr int kPairSamples = 2000;
+constexpr int kMinPairInliers = 20;
+
+std::vector<std::pair<int, int>> all_pairs(int photos) {
+  std::vector<std::pair<int, int>> pairs;
+  for (int a = 0; a < photos; ++a) {
+    for (int b = a + 1; b < photos; ++b) pairs.emplace_back(a, b);
+  }
+  return pairs;
+}
+
+SamePoints same_points(const PhotoFeatures& features, int a, int b, double max_error_px, uint64_t seed) {
+  const std::vector<std::pair<int, int>> found = features.match(a, b);
+  PairMatches matches;
+  for (size_t i = 0; i < found.size(); ++i) {
+    matches.points.push_back(static_cast<int>(i));
+    matches.a.push_back(features.pixels(a)[found[i].first]);
+    matches.b.push_back(features.pixels(b)[found[i].second]);
+  }
+  ViewPair pair;
+  const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
+  if (!fundamental_ransac(matches, max_error_px, kPairSamples, seed, stream, &pair)) return {};
+  if (pair.inliers < kMinPairInliers) return {};
+  SamePoints same;
+  for (size_t i = 0; i < pair.inlier.size(); ++i) {
+    if (pair.inlier[i]) same.push_back(found[pair.matches.points[i]]);
+  }
+  return same;
+}
+
+}  // namespace
+
+std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features, ThreadPool* pool) {
+  const int photos = features.photos();
+  if (photos <= kMostInAllPairs) return all_pairs(photos);
+  PlaceIndex index;
+  for (int j = 0; j < photos; ++j) index.add(features.codes(j));
+  std::vector<std::vector<std::pair<int, int>>> of_photo(photos);
+  pool->parallel_for(photos, [&](int j) {
+    std::vector<uint8_t> self(photos, 0);
+    self[j] = 1;
+    for (const PlaceVotes& alike : index.search(features.codes(j), self, kMostAlike)) {
+      of_photo[j].push_back(std::minmax(j, alike.place));
+    }
+    for (int next = j + 1; next <= std::min(j + kInTurn, photos - 1); ++next)
+      of_photo[j].emplace_back(j, next);
+  });
+  std::vector<std::pair<int, int>> pairs;
+  for (const auto& some : of_photo) pairs.insert(pairs.end(), some.begin(), some.end());
+  std::ranges::sort(pairs);
+  const auto twice = std::ranges::unique(pairs);
+  pairs.erase(twice.begin(), twice.end());
+  return pairs;
+}
+
+std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
+                                      const std::vector<std::pair<int, int>>& pairs, double max_error_px,
+                                      uint64_t seed, const std::atomic<bool>* stop, ThreadPool* pool) {
+  std::vector<SamePoints> same(pairs.size());
+  pool->parallel_for(static_cast<int>(pairs.size()), [&](int i) {
+    if (stop && stop->load()) return;
+    same[i] = same_points(features, pairs[i].first, pairs[i].second, max_error_px, seed);
+  });
+  return same;
+}
+
+}  // namespace raysfm
