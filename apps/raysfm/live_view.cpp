@@ -19,8 +19,8 @@ using namespace std::chrono_literals;
 
 constexpr size_t kMostPoses = 20000;
 constexpr size_t kMostPosesAtOnce = 5000;
-constexpr auto kBetweenEvents = 100ms, kLastWait = 3000ms;
-constexpr double kLeastBetweenMapsMs = 1000;
+constexpr auto kBetweenEvents = 200ms, kLastWait = 3000ms;
+constexpr double kLeastBetweenMapsMs = 2000;
 constexpr double kShareOfTime = 100;  // a map is copied and sent for one part in so many
 
 }  // namespace

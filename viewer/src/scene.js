@@ -29,7 +29,7 @@ const POINT_SHADER = {
     void main() {
       vec4 at = modelViewMatrix * vec4(position, 1.0);
       gl_Position = projectionMatrix * at;
-      gl_PointSize = ratio * clamp(size * reference / -at.z, min(size, 1.5), 3.0 * size);
+      gl_PointSize = ratio * clamp(size * reference / -at.z, min(size, 1.5), 2.0 * size);
       shade = color;
     }`,
   fragmentShader: `varying vec3 shade;
@@ -166,7 +166,7 @@ export class World3d {
     this.level();
     const size = this.measure();
     this.frustumSize = size.reach * (world.keyframes.frame.length > PLAIN_FRUSTA ? 0.03 : 0.045);
-    if (!keep) this.pointSize = Math.max(2, Math.min(6, Math.round(4.5 * (8000 / (world.points.count || 1)) ** 0.25)));
+    if (!keep) this.pointSize = Math.max(1.5, Math.min(5, 4.5 * (8000 / (world.points.count || 1)) ** 0.4));
     this.makePoints();
     this.makePath();
     this.makeClosures();
@@ -237,7 +237,8 @@ export class World3d {
     }
     this.path = this.thickLines(ends, 3);
     this.coarsePath = this.thickLines(this.coarse(), 3);
-    this.path.renderOrder = this.coarsePath.renderOrder = 1;
+    // Over the points, which would hide it.
+    for (const path of [this.path, this.coarsePath]) path.renderOrder = 1, (path.material.depthTest = false);
     this.root.add(this.path, this.coarsePath);
     this.tailPath = this.thickLines([], 3);
     this.root.add(this.tailPath);
@@ -423,7 +424,7 @@ export class World3d {
     this.points.visible = s.points;
     Object.assign(this.points.material.uniforms.size, { value: this.pointSize });
     this.points.material.uniforms.ratio.value = this.renderer.getPixelRatio();
-    this.points.material.uniforms.reference.value = this.reach * 1.7;
+    this.points.material.uniforms.reference.value = this.distance || this.reach;
     this.tailPath.visible = s.path && !this.tailPath.empty;
     this.closures.visible = s.closures && !this.closures.empty;
     this.nowRays.visible = s.rays && there;
@@ -508,6 +509,8 @@ export class World3d {
     target.addScaledVector(right, -this.inset * whole * distance);
     this.controls.target.copy(target);
     this.camera.position.copy(target).addScaledVector(to, distance);
+    this.distance = distance;
+    this.apply();
     this.camera.near = this.reach / 500;
     this.camera.far = this.reach * 100;
     this.camera.updateProjectionMatrix();
