@@ -54,7 +54,7 @@ std::vector<FrameFeatures::Feature> FrameFeatures::expected(int frame, int camer
     for (const Feature& feature : matched(*keyframe, camera)) points.push_back(feature.point);
   }
   std::ranges::sort(points);
-  points.erase(std::ranges::unique(points).begin(), points.end());
+  points.erase(std::unique(points.begin(), points.end()), points.end());
   std::vector<Feature> features;
   for (const int point : points) {
     Eigen::Vector2d pixel;
