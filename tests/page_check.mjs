@@ -69,6 +69,18 @@ await page.keyboard.press("e");
 await page.keyboard.press("t");
 seen.dark = await drawn();
 
+// In the light, points off: what each of these adds to the picture.
+await page.keyboard.press("t");
+for (const key of ["r", "o"]) {
+  const before = await drawn();
+  await page.keyboard.press(key);
+  seen[key] = (await drawn()).sum !== before.sum;
+}
+await page.keyboard.press("p");
+const coloured = await drawn();
+await page.keyboard.press("k");
+seen.heights = (await drawn()).sum !== coloured.sum;
+
 await page.keyboard.press("m");
 for (const frame of [from, to]) {
   const at = await page.evaluate((f) => {
@@ -85,5 +97,6 @@ await page.keyboard.press(" ");
 await page.waitForFunction(() => window.page.state.frame > 2);
 await page.keyboard.press("f");
 seen.follow = await drawn();
+seen.stages = await page.locator("#stages div").count();
 await browser.close();
 console.log(JSON.stringify(seen));

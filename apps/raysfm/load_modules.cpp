@@ -9,8 +9,10 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 #include "modules/modules.h"
+#include "modules/server_module.h"
 
 namespace raysfm {
 namespace {
@@ -62,16 +64,24 @@ Result<const Module*> load() {
 }
 
 template <typename Module, typename Function, typename... Args>
-auto call(Function Module::*function, const Args&... args)
-    -> decltype((std::declval<Module>().*function)(args...)) {
+auto call(Function Module::*function, Args&&... args)
+    -> decltype((std::declval<Module>().*function)(std::forward<Args>(args)...)) {
   static const Result<const Module*> module = load<Module>();
   if (!module) return module.error();
-  return ((*module)->*function)(args...);
+  return ((*module)->*function)(std::forward<Args>(args)...);
 }
 
-using app::PictureModule, app::VideoModule;
+using app::PictureModule, app::ServerModule, app::VideoModule;
 
 }  // namespace
+
+namespace app {
+
+Result<std::unique_ptr<PageServer>> start_page_server(const ServerAddress& address, PageAnswers answers) {
+  return call(&ServerModule::start_page_server, address, std::move(answers));
+}
+
+}  // namespace app
 
 Result<DecodedImage> decode_other(const std::string& bytes) {
   return call(&PictureModule::decode_other, bytes);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "live_view.h"
 #include "raysfm/results/output_folder.h"
 #include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
@@ -17,7 +18,12 @@ namespace {
 struct Arguments {
   SolveSettings settings;
   std::string out;
+  ViewFlag view;
 };
+
+std::string stage_text(const char* stage, int done, int total) {
+  return std::string(stage) + " " + std::to_string(done) + (total >= 0 ? "/" + std::to_string(total) : "");
+}
 
 // A line that rewrites itself on a terminal, now and then a plain line elsewhere.
 class ProgressPrinter : public ProgressLine {
@@ -26,8 +32,7 @@ class ProgressPrinter : public ProgressLine {
 
   void show(const char* stage, int done, int total) {
     if (quiet() || (!terminal() && done % 100 != 0)) return;
-    ProgressLine::show(std::string(stage) + " " + std::to_string(done) +
-                       (total >= 0 ? "/" + std::to_string(total) : ""));
+    ProgressLine::show(stage_text(stage, done, total));
   }
 };
 
@@ -63,6 +68,9 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   const SolveSettings& settings = arguments.settings;
   const StopSignals stop;
   ProgressPrinter printer(common.quiet);
+  Result<std::unique_ptr<LiveView>> view = arguments.view.start({settings.input});
+  if (!view) return view.error();
+  if (*view) printer.line("to be watched at " + (*view)->url());
   SolveCallbacks callbacks;
   callbacks.stop = stop.requested();
   callbacks.ready = [&]() -> Result<void> {
@@ -70,7 +78,10 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
     return prepare_output_folder(arguments.out);
   };
   callbacks.event = [&](const Event& e) { printer.event(e); };
-  callbacks.progress = [&](const char* stage, int done, int total) { printer.show(stage, done, total); };
+  callbacks.progress = [&](const char* stage, int done, int total) {
+    printer.show(stage, done, total);
+    if (*view) (*view)->say(stage_text(stage, done, total));
+  };
   const Result<SolveResult> result = solve(settings, callbacks);
   printer.finish();
   if (!result && stop.requested()->load()) {
@@ -80,6 +91,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
   if (!common.quiet) print_summary(*result, arguments.out);
+  if (*view) (*view)->finish(result->reconstruction, result->report);
   return result->report.interrupted ? stop.exit_code() : 0;
 }
 
@@ -94,6 +106,7 @@ Command add_solve(CLI::App& program, const CommonOptions& common) {
                    "video, image folder or pattern, sequence folder, or CSV of point tracks: image,point,u,v")
       ->check(named());
   command->add_option("--out", arguments->out, "folder for the results")->required()->check(named());
+  arguments->view.add_to(command);
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,

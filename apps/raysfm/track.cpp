@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "live_view.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
 #include "raysfm/scene/worlds.h"
@@ -21,6 +22,7 @@ struct Arguments {
   TrackSettings settings;
   std::string out;
   bool resume = false;
+  ViewFlag view;
 };
 
 // Beside the output folder, which is replaced as a whole.
@@ -67,6 +69,13 @@ Result<int> outcome(const TrackResult& result, bool written, const std::string& 
   return why_no_pose(result, written, out);
 }
 
+void print_progress(const TrackProgress& p, LiveView* view, ProgressPrinter* printer) {
+  printer->show(p);
+  if (view)
+    view->say(fmt::format("frame {}{}, {} posed", p.frames,
+                          p.total >= 0 ? fmt::format(" of {}", p.total) : "", p.posed));
+}
+
 Result<int> run(Arguments& arguments, const CommonOptions& common) {
   TrackSettings& settings = arguments.settings;
   if (arguments.resume) {
@@ -75,12 +84,15 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   }
   const StopSignals stop;
   ProgressPrinter printer(common.quiet);
+  Result<std::unique_ptr<LiveView>> view = arguments.view.start(settings.inputs);
+  if (!view) return view.error();
+  if (*view) printer.line("to be watched at " + (*view)->url());
   TrackCallbacks callbacks;
   callbacks.stop = stop.requested();
   callbacks.ready = [&] { return prepare_track_output(settings, arguments.out); };
-  callbacks.progress = [&](const TrackProgress& p) { printer.show(p); };
+  callbacks.progress = [&](const TrackProgress& p) { print_progress(p, view->get(), &printer); };
   callbacks.event = [&](const Event& e) { printer.event(e); };
-  const Result<TrackResult> result = track(settings, callbacks);
+  const Result<TrackResult> result = track(settings, callbacks, view->get());
   printer.finish();
   if (!result) return result.error();
   const Result<bool> written = write_track_output(*result, settings, RAYSFM_VERSION, arguments.out);
@@ -90,6 +102,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
     std::filesystem::remove(settings.checkpoint, failure);
   }
   if (!common.quiet && *written) print_summary(*result, arguments.out);
+  if (*view) (*view)->finish(result->reconstruction, result->report);
   return outcome(*result, *written, arguments.out, stop);
 }
 
@@ -106,6 +119,7 @@ Command add_track(CLI::App& program, const CommonOptions& common) {
   command->add_flag(
       "--resume", arguments->resume,
       "leaves checkpoints, and goes on from that of a run that was killed, with the same results");
+  arguments->view.add_to(command);
   add_setting_flags(*command, setting_fields(arguments->settings));
   return [arguments, command, &program, &common]() -> Result<int> {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,

@@ -9,14 +9,21 @@ function bytesOf(text) {
 
 const unpack = (text, Kind) => new Kind(bytesOf(text).buffer);
 
+const common = (a, b) => (b ? common(b, a % b) : a);
+
+// In an order of which any beginning is spread evenly: that much is drawn while the view moves.
 function readPoints(json) {
-  const quantised = unpack(json.xyz, Uint16Array);
-  const positions = new Float32Array(quantised.length);
-  for (let i = 0; i < quantised.length; ++i) {
-    const axis = i % 3;
-    positions[i] = json.low[axis] + (quantised[i] / 65535) * (json.high[axis] - json.low[axis]);
+  const quantised = unpack(json.xyz, Uint16Array), rgb = unpack(json.rgb, Uint8Array), count = json.count;
+  const positions = new Float32Array(3 * count), colours = new Uint8Array(3 * count);
+  let step = Math.max(1, Math.round(0.618 * count));
+  while (common(step, count) > 1) ++step;
+  for (let i = 0, from = 0; i < count; ++i, from = (from + step) % count) {
+    for (let axis = 0; axis < 3; ++axis) {
+      positions[3 * i + axis] = json.low[axis] + (quantised[3 * from + axis] / 65535) * (json.high[axis] - json.low[axis]);
+      colours[3 * i + axis] = rgb[3 * from + axis];
+    }
   }
-  return { count: json.count, all: json.all, far: json.far, positions, colours: unpack(json.rgb, Uint8Array) };
+  return { count, all: json.all, far: json.far, positions, colours };
 }
 
 function readWorld(json, total) {
@@ -47,9 +54,10 @@ export function digits(x, places = 2) {
   return plain ? String(Number(x.toPrecision(4))) : x.toExponential(places);
 }
 
-export function readData() {
-  const json = JSON.parse(document.getElementById("data").textContent);
+export function readData(text = document.getElementById("data").textContent) {
+  const json = JSON.parse(text);
   const reasons = new Array(json.total).fill("");
   for (const run of json.missing) reasons.fill(run.reason, run.first, run.last + 1);
+  for (const camera of json.cameras.concat(json.lenses)) if (camera.rays) camera.rays = unpack(camera.rays, Float32Array);
   return { ...json, reasons, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
 }

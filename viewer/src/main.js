@@ -1,12 +1,15 @@
 // Ties the view, the plots and the controls together.
 import { digits, readData } from "./data.js";
+import { Live } from "./live.js";
+import { Pictures } from "./pictures.js";
 import { Plots } from "./plots.js";
 import { World3d } from "./scene.js";
 
-const data = readData();
+let data = readData();
 const $ = (id) => document.getElementById(id);
-const state = { frame: 0, world: 0, playing: false, measuring: false, places: [], theme: "light" };
-let view, plots;
+// `newest`: of a run under way, the newest frame is shown whenever there is one.
+const state = { frame: 0, world: 0, playing: false, measuring: false, places: [], theme: "light", live: data.live, newest: data.live };
+let view, plots, pictures;
 
 // Text goes in as text: names may hold anything.
 function element(tag, properties = {}, ...children) {
@@ -42,14 +45,53 @@ function facts() {
 }
 
 const TOGGLES = [
-  ["points", "P", "points"], ["path", "L", "path"], ["cameras", "C", "key frames"],
-  ["ellipsoids", "E", "90 % ellipsoids"], ["grid", "G", "grid"],
+  ["points", "P", "points"], ["path", "L", "path"], ["cameras", "C", "key frames"], ["closures", "O", "closures"],
+  ["ellipsoids", "E", "90 % ellipsoids"], ["rays", "R", "rays of the camera"], ["grid", "G", "grid"],
 ];
 
 function toggle(name) {
   view.shown[name] = !view.shown[name];
   view.apply();
   $(`show-${name}`).checked = view.shown[name];
+}
+
+function colourByHeight(on) {
+  view.byHeight = on;
+  view.colourPoints();
+  $("heights").checked = on;
+}
+
+function togglePictures() {
+  if (!pictures) return;
+  pictures.shown = !pictures.shown;
+  view.inset = pictures.shown ? 0.3 : 0;
+  pictures.want(state.frame);
+}
+
+// A list whose entries go to a frame.
+function frameList(id, title, entries) {
+  if (!entries.length) return [];
+  const items = entries.slice(0, 200).map(([frame, bold, text]) =>
+    element("li", { onclick: () => seek(frame) }, element("b", { textContent: bold }), ` ${text}`));
+  return [element("h2", { textContent: title }), element("ul", { id, className: "frames" }, ...items)];
+}
+
+const closures = () => data.closures.map((c) => [c.frame, `${c.frame}`,
+  `${c.joined ? "joins the world of" : "sees what was seen in"} ${c.with < 0 ? "an earlier run" : c.with}, ${c.inliers} points`]);
+const missing = () => data.missing.map((run) => [run.first, run.first === run.last ? `${run.first}` : `${run.first} to ${run.last}`, run.reason]);
+
+// Mean time of each stage of the run, as bars.
+function stageTimes() {
+  const stages = data.stages.filter((s) => s.mean > 0);
+  if (!stages.length) return [];
+  const total = (s) => s.mean * s.count, most = Math.max(...stages.filter((s) => s.name !== "frame").map(total), 1e-9);
+  const rows = stages.map((s) => {
+    const bar = element("i");
+    bar.style.width = `${Math.min(100, (100 * total(s)) / most)}%`;
+    const title = `${s.count} times, ${digits(s.mean)} ms on average, ${digits(s.max)} ms at most`;
+    return element("div", { title }, element("span", { textContent: s.name }), element("b", {}, bar), element("output", { textContent: `${digits(s.mean)} ms` }));
+  });
+  return [element("h2", { textContent: "time per stage" }), element("div", { id: "stages" }, ...rows)];
 }
 
 function side() {
@@ -68,21 +110,18 @@ function side() {
   const factor = element("select", { id: "exaggeration", onchange: () => exaggerate(Number(factor.value)) },
     ...[1, 10, 100, 1000].map((x) => element("option", { value: x, textContent: x === 1 ? "true size" : `${x} times as large` })));
   factor.value = view.exaggeration;
-  box.append(element("div", { className: "switches" }, ...switches, element("label", {}, element("span", { textContent: "ellipsoids" }), factor)));
+  box.append(element("div", { className: "switches" }, ...switches, element("label", {}, element("span", { textContent: "ellipsoids" }), factor),
+    element("label", {}, element("input", { type: "checkbox", id: "heights", checked: view.byHeight, onchange: (e) => colourByHeight(e.target.checked) }),
+      element("span", { textContent: "colour by height" }), element("kbd", { textContent: "K" }))));
   const button = (id, text, key, act) => element("button", { id, onclick: act }, text, element("kbd", { textContent: key }));
   box.append(element("div", { className: "buttons" }, button("follow", "follow", "F", toggleFollow), button("home", "overview", "H", home),
     button("measure", "measure", "M", toggleMeasure), button("theme", "theme", "T", toggleTheme), button("keys", "keys", "?", () => $("help").showModal())));
-  if (data.missing.length) {
-    const runs = data.missing.slice(0, 200).map((run) =>
-      element("li", { onclick: () => seek(run.first) },
-        element("b", { textContent: run.first === run.last ? `${run.first}` : `${run.first} to ${run.last}` }), ` ${run.reason}`));
-    box.append(element("h2", { textContent: "without a pose" }), element("ul", { id: "missing" }, ...runs));
-  }
+  box.append(...frameList("missing", "without a pose", missing()), ...frameList("closures", "places seen again", closures()), ...stageTimes());
 }
 
 function bar() {
   const slider = element("input", { id: "slider", type: "range", min: 0, max: Math.max(0, data.total - 1), step: 1, value: 0,
-    oninput: () => seek(Number(slider.value)) });
+    oninput: () => scrub(Number(slider.value)) });
   slider.setAttribute("aria-label", "frame");
   const play = element("button", { id: "play", textContent: "▶", title: "play (space)", onclick: togglePlay });
   const track = element("div", { className: "track" }, element("canvas", { id: "strip" }), slider);
@@ -100,11 +139,19 @@ function strip() {
   }
 }
 
+// By hand: of a run under way, away from its newest frame or back to it.
+function scrub(frame) {
+  state.newest = state.live && frame >= data.total - 1;
+  if (state.newest) showNewest();
+  else seek(frame);
+}
+
 function seek(frame) {
   state.frame = Math.max(0, Math.min(data.total - 1, Math.round(frame)));
   const w = world(), i = w.at[state.frame];
   view.seek(i);
   plots.seek(state.frame);
+  pictures?.want(state.frame);
   $("slider").value = state.frame;
   const parts = [`frame ${state.frame}`];
   if (i >= 0) {
@@ -182,23 +229,76 @@ function resize() {
   strip();
 }
 
-function showWorld(number) {
+function showWorld(number, keep = false) {
   state.world = number;
   view.now = -1;
-  view.show(world());
+  view.resize($("view").clientWidth, $("view").clientHeight);
+  view.show(world(), keep);
   plots.show(data, world(), state.theme === "dark");
   side();
   resize();
-  const own = world().at[state.frame] >= 0 ? state.frame : world().index[0] ?? 0;
+  if (state.newest) return showNewest();
+  const own = keep || world().at[state.frame] >= 0 ? state.frame : world().index[0] ?? 0;
   seek(own);
+}
+
+// A map that is newer: the world that was looked at, or the one where the run goes on.
+function renew(text) {
+  const before = data.worlds.length > 0 ? world().index[0] : -1;
+  data = readData(text);
+  if (data.worlds.length === 0) return;
+  const first = !view;
+  if (first && !build()) return;
+  view.data = data;
+  if (state.measuring) toggleMeasure();
+  bar();
+  const on = state.newest ? data.worlds.findIndex((w) => w.at[data.last] >= 0) : data.worlds.findIndex((w) => w.index[0] === before);
+  showWorld(Math.max(0, on), !first && view.touched && before === data.worlds[Math.max(0, on)].index[0]);
+}
+
+function showNewest() {
+  view.seekTail();
+  const newest = view.tail.length ? view.tail[view.tail.length - 1][0] : data.last;
+  state.frame = data.total - 1;
+  $("slider").value = state.frame;
+  plots.seek(state.frame);
+  $("now").textContent = state.live ? `frame ${newest} · live` : `frame ${newest}`;
+  $("now").className = "";
+}
+
+// Frames that were posed after the map was made, of the world in which they were.
+function hearFrames(news) {
+  if (!view || !data.worlds.length || news.world !== data.liveWorld || !(world().at[data.last] >= 0)) return;
+  const known = view.tail.length ? view.tail[view.tail.length - 1][0] : data.last;
+  view.extend(news.frames.filter((pose) => pose[0] > known));
+  if (state.newest) showNewest();
+}
+
+function listen() {
+  const label = $("live");
+  label.hidden = false;
+  const live = new Live({
+    map: renew,
+    frames: hearFrames,
+    state(text, over) {
+      label.textContent = text;
+      label.classList.toggle("over", over);
+      if (!over) return;
+      state.live = state.newest = false;
+      if (view) seek(data.total - 1);
+    },
+  });
+  window.page = { ...window.page, live };
 }
 
 const KEYS = {
   " ": ["space", "play and stop", togglePlay],
-  ArrowRight: ["→", "next frame; ten with shift", (e) => seek(state.frame + (e.shiftKey ? 10 : 1))],
-  ArrowLeft: ["←", "frame before", (e) => seek(state.frame - (e.shiftKey ? 10 : 1))],
-  Home: ["home", "first frame", () => seek(0)],
-  End: ["end", "last frame", () => seek(data.total - 1)],
+  ArrowRight: ["→", "next frame; ten with shift", (e) => scrub(state.frame + (e.shiftKey ? 10 : 1))],
+  ArrowLeft: ["←", "frame before", (e) => scrub(state.frame - (e.shiftKey ? 10 : 1))],
+  Home: ["home", "first frame", () => scrub(0)],
+  End: ["end", "last frame", () => scrub(data.total - 1)],
+  k: ["K", "points by height, or as in the images", () => colourByHeight(!view.byHeight)],
+  v: ["V", "picture of the frame on and off", togglePictures],
   f: ["F", "follow the camera, or orbit freely", toggleFollow],
   h: ["H", "the whole path", home],
   m: ["M", "measure between two points", toggleMeasure],
@@ -216,6 +316,7 @@ function keyboard() {
   $("help").addEventListener("click", () => $("help").close());
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    if (!view) return;
     const known = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!known || $("help").open) return;
     event.preventDefault();
@@ -249,7 +350,7 @@ function loop() {
       if (state.frame >= data.total - 1) togglePlay();
     }
     last = now;
-    if (view.draw()) placeLabel();
+    if (view.draw(now)) placeLabel();
     requestAnimationFrame(tick);
   };
   requestAnimationFrame(tick);
@@ -262,27 +363,39 @@ function rate() {
   return Math.max(1, Math.min(taken, 120, Math.max(10, data.total / 3)));
 }
 
-function start() {
-  if (data.worlds.length === 0) {
-    document.body.className = "empty";
-    $("view").replaceChildren(element("p", { textContent: `${data.title}: no frame has a pose. ${data.missing[0]?.reason ?? ""}` }));
-    return;
-  }
+// What there is once a frame has a pose; false where the browser cannot draw.
+function build() {
+  document.body.className = "";
+  $("empty").textContent = "";
   try {
     view = new World3d($("canvas"), data);
   } catch {
     document.body.className = "empty";
-    $("view").replaceChildren(element("p", { textContent: "This browser draws no WebGL, which the page needs." }));
-    return;
+    $("empty").textContent = "This browser draws no WebGL, which the page needs.";
+    return false;
   }
-  plots = new Plots($("plots"), (frame) => seek(frame));
+  plots = new Plots($("plots"), (frame) => scrub(frame));
+  if (data.pictures > 0) {
+    pictures = new Pictures($("picture"), data);
+    view.inset = 0.3;
+  }
   bar();
   keyboard();
   pointer();
   setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-  showWorld(0);
   new ResizeObserver(resize).observe(document.body);
   loop();
-  window.page = { state, view, plots, data, seek };
+  window.page = { ...window.page, state, view, plots, pictures, seek, get data() { return data; } };
+  return true;
+}
+
+function start() {
+  if (data.worlds.length === 0) {
+    document.body.className = "empty";
+    $("empty").textContent = data.live ? `${data.title}: no frame has a pose yet` : `${data.title}: no frame has a pose. ${data.missing[0]?.reason ?? ""}`;
+  } else if (build()) {
+    showWorld(0);
+  }
+  if (data.live) listen();
 }
 start();

@@ -267,9 +267,38 @@ class Narrator : public TrackerObserver {
   const LensOrigin& origin_;
 };
 
+// Tells two observers; the second may be null.
+class ObserverPair : public TrackerObserver {
+ public:
+  ObserverPair(TrackerObserver* first, TrackerObserver* second) : first_(first), second_(second) {}
+
+  void frame_posed(const FramePosed& e) override { tell(&TrackerObserver::frame_posed, e); }
+  void world_started(const WorldStarted& e) override { tell(&TrackerObserver::world_started, e); }
+  void start_refused(const StartRefused& e) override { tell(&TrackerObserver::start_refused, e); }
+  void keyframe_added(const KeyFrameAdded& e) override { tell(&TrackerObserver::keyframe_added, e); }
+  void map_adjusted(const MapAdjusted& e) override { tell(&TrackerObserver::map_adjusted, e); }
+  void calibration_refined(const CalibrationRefined& e) override {
+    tell(&TrackerObserver::calibration_refined, e);
+  }
+  void track_lost(const TrackLost& e) override { tell(&TrackerObserver::track_lost, e); }
+  void track_found(const TrackFound& e) override { tell(&TrackerObserver::track_found, e); }
+  void place_seen_again(const PlaceSeenAgain& e) override { tell(&TrackerObserver::place_seen_again, e); }
+
+ private:
+  template <typename What>
+  void tell(void (TrackerObserver::*hear)(const What&), const What& e) {
+    (first_->*hear)(e);
+    if (second_) (second_->*hear)(e);
+  }
+
+  TrackerObserver* first_;
+  TrackerObserver* second_;
+};
+
 // Pushes every view there is, until told to stop. Whether it was. `calibration` is named where it is wrong.
 Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int total,
-                      const std::string& calibration, Tracker& tracker, Checkpoint& checkpoint) {
+                      const std::string& calibration, Tracker& tracker, Checkpoint& checkpoint,
+                      TrackWatcher* watcher) {
   for (;;) try {
       if (callbacks.stopped()) return true;
       Result<ViewPtr> view = stream.next();
@@ -280,6 +309,7 @@ Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int t
       if (!frame) return bad_input(fmt::format("{}: {}", calibration, frame.error().message));
       stream.detect_ahead(frame->state != TrackingState::kTracking);
       checkpoint.keep(tracker, callbacks.event);
+      if (watcher) watcher->frame_done(tracker);
       if (callbacks.progress) callbacks.progress({tracker.frames(), total, tracker.posed()});
     } catch (const std::bad_alloc&) {
       return internal_error(fmt::format("not enough memory for frame {}", tracker.frames()));
@@ -321,7 +351,7 @@ Report tracker_report(const TrackSettings& settings, const Tracker& tracker) {
   return report;
 }
 
-Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller) {
+Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller, TrackWatcher* watcher) {
   const Clock::time_point start = Clock::now();
   const TrackCallbacks callbacks = caller.ready_once();
   TrackSettings settings = given;
@@ -337,11 +367,12 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
   settings.odometry.calibration_prior = sources->prior;
   Narrator narrator(callbacks.event, sources->origin);
+  ObserverPair observers(&narrator, watcher);
   Result<std::unique_ptr<Tracker>> made =
       Tracker::create(sources->rig,
                       {settings.odometry, std::move(sources->masks),
                        maps->known ? take_worlds(&*maps->known) : std::vector<Map>()},
-                      &narrator);
+                      &observers);
   if (!made) return made.error();
   if (auto r = callbacks.ready(); !r) return r.error();
   Tracker& tracker = **made;
@@ -356,7 +387,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
   if (stopped && !*stopped) {
     stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
-                       tracker, checkpoint);
+                       tracker, checkpoint, watcher);
   }
   if (!stopped) return stopped.error();
   if (tracker.frames() == 0 && !*stopped) {

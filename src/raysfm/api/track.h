@@ -6,6 +6,7 @@
 
 #include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
+#include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/options.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
@@ -55,9 +56,18 @@ struct TrackResult {
 // What a caller hears while `track` runs.
 using TrackCallbacks = Callbacks<const TrackProgress&>;
 
+// Hears what happens in a run of `track` and looks at it between frames, on the thread that tracks: what it
+// takes is time that the run takes. It changes nothing of the result.
+class TrackWatcher : public TrackerObserver {
+ public:
+  // After each frame; `tracker` may be asked for what it knows.
+  virtual void frame_done(const Tracker& tracker) = 0;
+};
+
 // Video of a calibrated camera to trajectory and map. Errors: bad input. A reconstruction without a single
-// pose is a value; its frames say why.
-Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks);
+// pose is a value; its frames say why. `watcher` may be null.
+Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks,
+                          TrackWatcher* watcher = nullptr);
 
 // What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
 Result<OdometryOptions> odometry_options(const TrackSettings& settings);

@@ -11,7 +11,9 @@
 namespace raysfm {
 namespace {
 
-constexpr std::string_view kTitle = "<!--RAYSFM-TITLE-->", kData = "<!--RAYSFM-DATA-->";
+// In the order in which the page has them.
+constexpr std::string_view kSources = "RAYSFM-SOURCES", kTitle = "<!--RAYSFM-TITLE-->",
+                           kData = "<!--RAYSFM-DATA-->";
 
 std::string escaped(std::string_view text) {
   std::string html;
@@ -45,18 +47,30 @@ bool has_page() {
   return page_template().find(kData) != std::string_view::npos;
 }
 
-Result<void> write_page(const Reconstruction& reconstruction, const std::string& title,
-                        const std::filesystem::path& path) {
+Result<std::string> page_html(const Reconstruction& reconstruction, const PageInfo& info, bool served) {
   if (!has_page())
     return bad_input("this build has no page: npm was not there, or had no network, when it was made");
-  const std::string_view page = page_template();
-  const size_t title_at = page.find(kTitle), data_at = page.find(kData);
-  std::string text(page.substr(0, title_at));
-  text += escaped(title);
-  text += page.substr(title_at + kTitle.size(), data_at - title_at - kTitle.size());
-  text += page_data(reconstruction, title);
-  text += page.substr(data_at + kData.size());
-  return write_file(path, text);
+  std::string_view rest = page_template();
+  std::string text;
+  const auto put = [&](std::string_view mark, std::string_view content) {
+    const size_t at = rest.find(mark);
+    text += rest.substr(0, at);
+    text += content;
+    rest.remove_prefix(at + mark.size());
+  };
+  put(kSources, served ? "connect-src 'self'; " : "");
+  put(kTitle, escaped(info.title));
+  put(kData, page_data(reconstruction, info));
+  text += rest;
+  return text;
+}
+
+Result<void> write_page(const Reconstruction& reconstruction, const Report& report, const std::string& title,
+                        const std::filesystem::path& path) {
+  const Result<std::string> html =
+      page_html(reconstruction, {.title = title, .stages = stage_times(report)}, false);
+  if (!html) return html.error();
+  return write_file(path, *html);
 }
 
 }  // namespace raysfm

@@ -18,7 +18,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMostPoints = 60000;
+constexpr size_t kMostPoints = 300000;
 
 const char* command_of(Origin origin) {
   if (origin == Origin::kTrack) return "track";
@@ -71,9 +71,37 @@ Json camera_json(const Camera& camera, const std::string& name) {
           {"directions", std::move(directions)}};
 }
 
-Json lens_json(const FrameLens& frame_lens) {
+// Rays of the pixels of a grid, in the rig.
+void add_rays(const Camera& camera, Json* json) {
+  constexpr int kColumns = 16, kRows = 12;
+  Numbers<float> rays;
+  for (int k = 0; k < kColumns * kRows; ++k) {
+    const Eigen::Vector2d part(static_cast<double>(k % kColumns) / (kColumns - 1),
+                               static_cast<double>(k / kColumns) / (kRows - 1));
+    Ray ray;
+    if (!camera.ray({part.x() * (camera.width - 1), part.y() * (camera.height - 1)}, &ray)) {
+      ray.origin.setConstant(std::numeric_limits<double>::quiet_NaN());
+    }
+    rays.add(camera.rig_from_cam * ray.origin);
+    rays.add(Eigen::Vector3d(camera.rig_from_cam.rotation * ray.direction));
+  }
+  (*json)["grid"] = {kColumns, kRows};
+  (*json)["rays"] = rays.text();
+}
+
+Json rig_camera_json(const Camera& camera) {
+  Json json = camera_json(camera, camera.name);
+  add_rays(camera, &json);
+  return json;
+}
+
+Json lens_json(const FrameLens& frame_lens, bool only) {
   Json json = camera_json(frame_lens.camera, "lens");
-  if (const std::optional<Lens> lens = lens_of(frame_lens)) json["focal"] = {lens->fx, lens->fy};
+  if (only) add_rays(frame_lens.camera, &json);
+  if (const std::optional<Lens> lens = lens_of(frame_lens)) {
+    json["focal"] = {lens->fx, lens->fy};
+    if (std::isfinite(frame_lens.sigma[0])) json["sigma"] = frame_lens.sigma[0];
+  }
   return json;
 }
 
@@ -222,19 +250,41 @@ Json missing_json(const Reconstruction& r) {
   return runs;
 }
 
+Json closures_json(const Reconstruction& r) {
+  Json closures = Json::array();
+  for (const Closure& c : r.closures) {
+    closures.push_back(
+        {{"frame", c.frame}, {"with", c.with_frame}, {"inliers", c.inliers}, {"joined", c.joined_worlds}});
+  }
+  return closures;
+}
+
+Json stages_json(const PageInfo& info) {
+  Json stages = Json::array();
+  for (const StageTime& s : info.stages) {
+    stages.push_back({{"name", s.name}, {"mean", s.mean_ms}, {"max", s.max_ms}, {"count", s.count}});
+  }
+  return stages;
+}
+
 }  // namespace
 
-std::string page_data(const Reconstruction& r, const std::string& title) {
-  Json json = {{"title", title}, {"command", command_of(r.origin)}, {"total", r.frames.size()}};
+std::string page_data(const Reconstruction& r, const PageInfo& info) {
+  Json json = {{"title", info.title}, {"command", command_of(r.origin)}, {"total", r.frames.size()}};
   json["rms"] = r.rms_reprojection_px;
   json["posed"] = posed_count(r);
+  json["pictures"] = info.pictures;
+  json["live"] = info.live.has_value();
+  if (info.live) json["last"] = info.live->frame, json["liveWorld"] = info.live->world;
   json["cameras"] = Json::array();
-  for (const Camera& camera : r.rig.cameras) json["cameras"].push_back(camera_json(camera, camera.name));
+  for (const Camera& camera : r.rig.cameras) json["cameras"].push_back(rig_camera_json(camera));
   json["lenses"] = Json::array();
-  for (const FrameLens& lens : r.lenses) json["lenses"].push_back(lens_json(lens));
+  for (const FrameLens& lens : r.lenses) json["lenses"].push_back(lens_json(lens, r.lenses.size() == 1));
   json["worlds"] = Json::array();
   for (const int segment : worlds_in_order(r)) json["worlds"].push_back(world_json(r, segment));
   json["missing"] = missing_json(r);
+  json["closures"] = closures_json(r);
+  json["stages"] = stages_json(info);
   std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
   for (size_t at = text.find('<'); at != text.npos; at = text.find('<', at)) text.replace(at, 1, "\\u003c");
   return text;

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "raysfm/page/page_info.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
@@ -17,8 +18,11 @@ namespace raysfm {
 //  - points: `xyz` (u16, from 0 to 65535 between `low` and `high`), `rgb` (u8), `count`, `all` (before
 //  thinning), `far`
 //    (left out)
-//  - cameras of the rig, or lenses: their position and the directions of the image's border, in the rig
-// and beside them runs of frames without a pose with the reason. Text has no character that ends a script.
-std::string page_data(const Reconstruction& reconstruction, const std::string& title);
+//  - cameras of the rig, or lenses: their position and the directions of the image's border, in the rig; of
+//    a rig, and of a lens that is the only one, also `rays` (f32: origin and direction of the pixels of a
+//    grid of `grid` columns and rows, NaN where a pixel sees nothing)
+// and beside them runs of frames without a pose with the reason, closures, times of stages, and of a run
+// under way the newest frame that has a pose. Text has no character that ends a script.
+std::string page_data(const Reconstruction& reconstruction, const PageInfo& info);
 
 }  // namespace raysfm

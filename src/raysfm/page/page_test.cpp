@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -43,7 +44,7 @@ std::vector<T> unpacked(const std::string& text) {
 
 TEST(Page, FramesAreThoseOfTheResult) {
   const Reconstruction r = small_reconstruction({kPinhole, kPinhole});
-  const json data = json::parse(page_data(r, "title"));
+  const json data = json::parse(page_data(r, {.title = "title"}));
   EXPECT_EQ(data["total"], 12);
   EXPECT_EQ(data["posed"], 11);
   EXPECT_EQ(data["missing"], json::parse(R"([{"first": 5, "last": 5, "reason": "too few matches: 3"}])"));
@@ -74,7 +75,7 @@ TEST(Page, FramesAreThoseOfTheResult) {
 TEST(Page, PointsAreWithinAStepOfTheirPlace) {
   Reconstruction r = small_reconstruction({kPinhole});
   r.points.push_back({{1e6, 0, 0}, {1, 2, 3}});
-  const json data = json::parse(page_data(r, "title"));
+  const json data = json::parse(page_data(r, {.title = "title"}));
   const json& points = data["worlds"][0]["points"];
   EXPECT_EQ(points["count"], 200);
   EXPECT_EQ(points["far"], 1);
@@ -91,35 +92,96 @@ TEST(Page, PointsAreWithinAStepOfTheirPlace) {
 TEST(Page, ManyPointsAreThinned) {
   Reconstruction r = small_reconstruction({kPinhole});
   const std::vector<MapPoint> points = r.points;
-  while (r.points.size() < 150000) r.points.insert(r.points.end(), points.begin(), points.end());
-  const std::string text = page_data(r, "title");
-  EXPECT_LT(text.size(), 1u << 20);
+  while (r.points.size() < 750000) r.points.insert(r.points.end(), points.begin(), points.end());
+  const std::string text = page_data(r, {.title = "title"});
+  EXPECT_LT(text.size(), 4u << 20);
   const json data = json::parse(text);
-  EXPECT_EQ(data["worlds"][0]["points"]["count"], 60000);
-  EXPECT_EQ(data["worlds"][0]["points"]["all"], 150000);
+  EXPECT_EQ(data["worlds"][0]["points"]["count"], 300000);
+  EXPECT_EQ(data["worlds"][0]["points"]["all"], 750000);
 }
 
 TEST(Page, LensesAndCameras) {
-  const json solved = json::parse(page_data(small_solved_reconstruction(true, {}), "title"));
+  const json solved = json::parse(page_data(small_solved_reconstruction(true, {}), {.title = "title"}));
   ASSERT_EQ(solved["lenses"].size(), 11u);
   EXPECT_DOUBLE_EQ(solved["lenses"][3]["focal"][0], 501);
   EXPECT_EQ(unpacked<int32_t>(solved["worlds"][0]["frames"]["lens"])[3], 3);
   // The border of a pinhole, at distance one: corners at (x - cx) / fx.
-  const json tracked = json::parse(page_data(small_reconstruction({kPinhole}), "title"));
+  const json tracked = json::parse(page_data(small_reconstruction({kPinhole}), {.title = "title"}));
   EXPECT_NEAR(tracked["cameras"][0]["directions"][0][0].get<double>(), -319.5 / 500, 1e-6);
   EXPECT_NEAR(tracked["cameras"][0]["directions"][0][1].get<double>(), -239.5 / 510, 1e-6);
+}
+
+// Pixel (x, y) of a pinhole looks along ((x - cx) / fx, (y - cy) / fy, 1), turned and shifted into the rig.
+TEST(Page, RaysAreThoseOfTheCamera) {
+  const Reconstruction r = small_reconstruction({kPinhole, kPinhole});
+  const json data = json::parse(page_data(r, {}));
+  const json& camera = data["cameras"][1];
+  const int columns = camera["grid"][0], rows = camera["grid"][1];
+  const auto rays = unpacked<float>(camera["rays"]);
+  ASSERT_EQ(rays.size(), 6u * columns * rows);
+  const int k = 2 * columns + 3;
+  const double x = 639.0 * 3 / (columns - 1), y = 479.0 * 2 / (rows - 1);
+  const Rigid3& rig_from_cam = r.rig.cameras[1].rig_from_cam;
+  const Eigen::Vector3d expected =
+      rig_from_cam.rotation * Eigen::Vector3d((x - 319.5) / 500, (y - 239.5) / 510, 1).normalized();
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(rays[6 * k + axis], rig_from_cam.translation[axis], 1e-6);
+    EXPECT_NEAR(rays[6 * k + 3 + axis], expected[axis], 1e-6);
+  }
+}
+
+TEST(Page, ClosuresSigmasAndTimes) {
+  Reconstruction r = small_reconstruction({kPinhole});
+  r.closures = {{9, 1, 33, false, 0.1}, {11, -1, 20, true, 0}};
+  const json data = json::parse(page_data(r, {.title = "", .stages = {{"detect", 2.5, 7, 12}}}));
+  EXPECT_EQ(data["closures"], json::parse(R"([{"frame": 9, "with": 1, "inliers": 33, "joined": false},
+                                              {"frame": 11, "with": -1, "inliers": 20, "joined": true}])"));
+  EXPECT_EQ(data["stages"], json::parse(R"([{"name": "detect", "mean": 2.5, "max": 7.0, "count": 12}])"));
+  EXPECT_EQ(data["live"], false);
+  Reconstruction solved = small_solved_reconstruction(true, {});
+  solved.lenses[3].sigma[0] = 1.5;
+  solved.lenses[4].sigma[0] = std::numeric_limits<double>::infinity();
+  const json lenses = json::parse(page_data(solved, {}))["lenses"];
+  EXPECT_EQ(lenses[3]["sigma"], 1.5);
+  EXPECT_FALSE(lenses[4].contains("sigma"));
+}
+
+TEST(Page, TimesOfStagesComeBackFromTheReport) {
+  const TemporaryFolder temporary;
+  Report report;
+  StageTiming detect;
+  detect.add(1);
+  detect.add(4);
+  report.stages = {{"detect", detect}, {"pose", {}}};
+  ASSERT_TRUE(write_report(small_reconstruction({kPinhole}), report, temporary.path() / "report.json").ok());
+  for (const std::vector<StageTime>& times : {stage_times(report), read_stage_times(temporary.path())}) {
+    ASSERT_EQ(times.size(), 2u);
+    EXPECT_EQ(times[0].name, "detect");
+    EXPECT_EQ(times[0].mean_ms, 2.5);
+    EXPECT_EQ(times[0].max_ms, 4);
+    EXPECT_EQ(times[0].count, 2);
+  }
+  EXPECT_TRUE(read_stage_times(temporary.path() / "no").empty());
+}
+
+TEST(Page, OnlyAServedPageMayAsk) {
+  if (!has_page()) GTEST_SKIP() << "this build has no page";
+  const Reconstruction r = small_reconstruction({kPinhole});
+  EXPECT_EQ(page_html(r, {}, false)->find("connect-src"), std::string::npos);
+  EXPECT_NE(page_html(r, {}, true)->find("default-src 'none'; connect-src 'self'; script-src"),
+            std::string::npos);
 }
 
 TEST(Page, NoNameEndsTheScript) {
   const std::string title = "</script><script>alert('\"&')</script><!-- \xc3\xa4 \xff";
   Reconstruction r = small_reconstruction({kPinhole});
   r.rig.cameras[0].name = r.frames[5].reason = title;
-  const std::string data = page_data(r, title);
+  const std::string data = page_data(r, {.title = title});
   EXPECT_EQ(data.find('<'), std::string::npos);
-  EXPECT_EQ(json::parse(page_data(r, "</script>"))["title"], "</script>");
+  EXPECT_EQ(json::parse(page_data(r, {.title = "</script>"}))["title"], "</script>");
   if (!has_page()) GTEST_SKIP() << "this build has no page";
   const TemporaryFolder temporary;
-  ASSERT_TRUE(write_page(r, title, temporary.path() / "page.html").ok());
+  ASSERT_TRUE(write_page(r, {}, title, temporary.path() / "page.html").ok());
   const std::string html = content_of(temporary.path() / "page.html");
   EXPECT_EQ(html.find("<script>alert"), std::string::npos);
   EXPECT_NE(html.find("<title>&lt;/script&gt;&lt;script&gt;alert(&#39;&quot;&amp;&#39;)"), std::string::npos);
@@ -131,7 +193,7 @@ TEST(Page, NothingHasAPose) {
   Reconstruction r;
   r.frames.resize(3);
   for (PosedFrame& frame : r.frames) frame.reason = "black";
-  const json data = json::parse(page_data(r, "title"));
+  const json data = json::parse(page_data(r, {.title = "title"}));
   EXPECT_TRUE(data["worlds"].empty());
   EXPECT_EQ(data["missing"].size(), 1u);
 }

@@ -88,7 +88,7 @@ Result<void> write_page_of(const Reconstruction& reconstruction, const Report& r
     const fs::path path = (fs::path(input) / ".").lexically_normal().parent_path();
     title += (title.empty() ? "" : ", ") + path.filename().string();
   }
-  return page_writer(reconstruction, title, folder / kPage);
+  return page_writer(reconstruction, report, title, folder / kPage);
 }
 
 Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,

@@ -33,8 +33,8 @@ struct ResultFile {
 };
 
 // Writes a page that shows a result; `title` may hold anything.
-using PageWriter = std::function<Result<void>(const Reconstruction& reconstruction, const std::string& title,
-                                              const std::filesystem::path& path)>;
+using PageWriter = std::function<Result<void>(const Reconstruction& reconstruction, const Report& report,
+                                              const std::string& title, const std::filesystem::path& path)>;
 
 // From now on results have report.html, which this writes; empty, as at first: they have none. Not while
 // results are being written.

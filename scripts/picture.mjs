@@ -1,0 +1,42 @@
+// Draws the map and path of a result's page into a file: picture.mjs VIEWER PAGE.html PICTURE.jpg [light]
+import { writeFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { resolve } from "node:path";
+import { pathToFileURL } from "node:url";
+
+const [viewer, file, picture, theme = "dark"] = process.argv.slice(2);
+const { chromium } = createRequire(`${resolve(viewer)}/`)("playwright-core");
+const browser = await chromium.launch({
+  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+});
+const [width, height] = [1200, 640];
+const page = await browser.newPage({ viewport: { width, height }, colorScheme: theme });
+await page.goto(pathToFileURL(resolve(file)).href);
+await page.waitForFunction(() => window.page?.view);
+// Drawn twice as large and made smaller: smooth edges without a graphics card.
+const text = await page.evaluate(async ([width, height]) => {
+  const { view, data, seek } = window.page;
+  seek(Math.floor(0.62 * data.total));
+  document.body.style.display = "block";
+  for (const id of ["side", "plots", "bar"]) document.getElementById(id).style.display = "none";
+  document.getElementById("view").style.cssText = `width:${width}px;height:${height}px`;
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  view.renderer.setPixelRatio(2);
+  view.resize(width, height);
+  view.apply();
+  view.home();
+  view.moved = -Infinity;
+  view.controls.update();
+  view.thin(performance.now() + 1e6);
+  view.renderer.render(view.scene, view.camera);
+  const small = document.createElement("canvas");
+  [small.width, small.height] = [width, height];
+  const context = small.getContext("2d");
+  context.imageSmoothingQuality = "high";
+  context.drawImage(view.renderer.domElement, 0, 0, width, height);
+  return small.toDataURL("image/jpeg", 0.88);
+}, [width, height]);
+writeFileSync(picture, Buffer.from(text.slice(text.indexOf(",") + 1), "base64"));
+await browser.close();
+console.log(`picture: ${picture}`);
