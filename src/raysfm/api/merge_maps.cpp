@@ -118,7 +118,7 @@ class WorldMerger {
       if (world.map.keyframes.empty()) continue;
       if (world.changed) {
         mapper_.adapt_to_cameras(0, true, &world.map);
-        mapper_.measure_scale(&world.map);
+        mapper_.measure_scale(ScaleEffort::kFull, &world.map);
       }
       number[w] = static_cast<int>(out.worlds.size());
       SavedWorld& saved = out.worlds.emplace_back();

@@ -1,8 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
-#include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/bundle/local_bundle.h"
 
 namespace raysfm {
@@ -34,5 +35,17 @@ BundleSummary adjust_hierarchically(const BundleProblem& problem, const BundleOp
 BundleSummary adjust_locally(const BundleProblem& problem, const BundleOptions& options,
                              const LocalBundleOptions& windows = {});
 BundleSummary adjust(const BundleProblem& problem, BundleMethod method, const BundleMethodOptions& options);
+
+// The points that hold the poses of a problem together best: those that most inliers show, so many that every
+// pose sees `per_pose` of them, or all that it has. 1 for a point that is chosen. Valid problem.
+std::vector<uint8_t> choose_points(const BundleProblem& problem, int per_pose);
+
+// Adjusts a large problem in a part of the time: poses by the chosen points alone, in the two series of
+// BundleAdjuster::adjust_two_stage(); all other points follow the first pose that sees them, and then each is
+// adjusted by itself, with the poses held. Inliers of every observation are those of the result. The summary
+// is that of the poses' adjustment.
+BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& problem,
+                             const BundleOptions& first_options, const BundleOptions& second_options,
+                             double inlier_threshold, int per_pose);
 
 }  // namespace raysfm

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "raysfm/bundle/problem_cost.h"
@@ -125,6 +126,82 @@ TEST(BundleMethods, ContradictionsAndNothing) {
        {BundleMethod::kGlobal, BundleMethod::kHierarchical, BundleMethod::kLocal}) {
     EXPECT_EQ(adjust(BundleProblem{}, method, {}).termination, Termination::kNothingToDo);
   }
+}
+
+constexpr int kPerPose = 20;
+const BundleOptions kThinnedSteps{
+    .max_iterations = 20, .min_relative_decrease = 1e-9, .initial_damping = 1e-8};
+
+TEST(ChoosePoints, ThoseSeenMostOftenUntilEveryPoseHasEnough) {
+  const std::vector<std::vector<int>> poses_of_point = {{0, 1}, {0, 1, 2}, {0, 1}, {1, 2}, {2}, {0, 1}};
+  std::vector<BundleObservation> observations;
+  for (int p = 0; p < 6; ++p) {
+    for (const int pose : poses_of_point[p]) observations.push_back({pose, p, 0, Eigen::Vector2d::Zero()});
+  }
+  std::vector<Rigid3> poses(3);
+  std::vector<Eigen::Vector3d> points(6, Eigen::Vector3d::Zero());
+  BundleProblem problem;
+  problem.rig_from_world = poses;
+  problem.points = points;
+  problem.observations = observations;
+  EXPECT_EQ(choose_points(problem, 1), (std::vector<uint8_t>{0, 1, 0, 0, 0, 0}));
+  EXPECT_EQ(choose_points(problem, 2), (std::vector<uint8_t>{1, 1, 0, 1, 0, 0}));
+  EXPECT_EQ(choose_points(problem, 9), (std::vector<uint8_t>{1, 1, 1, 1, 0, 1}));  // one view tells nothing
+  // What is no inlier does not count.
+  std::vector<uint8_t> is_inlier(observations.size(), 1);
+  is_inlier[0] = 0;
+  problem.is_inlier = is_inlier;
+  EXPECT_EQ(choose_points(problem, 2), (std::vector<uint8_t>{0, 1, 1, 1, 0, 0}));
+}
+
+// Two held poses, the rest and all points off the truth, and a wrong observation of every tenth point.
+test::BundleScene spoiled_scene() {
+  test::BundleScene scene = test::make_bundle_scene(
+      {.poses = 40, .free_poses = 38, .points = 2000, .track = 8, .noise_px = 0, .pose_error = 0.003});
+  for (size_t i = 0; i < scene.observations.size(); ++i) {
+    BundleObservation& o = scene.observations[i];
+    const bool opens_point = i == 0 || scene.observations[i - 1].point != o.point;
+    if (opens_point && o.point % 10 == 0) o.pixel.x() += 40;
+  }
+  return scene;
+}
+
+TEST(AdjustThinned, AllPosesAndAllPointsArriveAndWhatIsWrongIsMarked) {
+  test::BundleScene scene = spoiled_scene();
+  const std::vector<uint8_t> is_chosen = choose_points(scene.problem(), kPerPose);
+  EXPECT_LT(std::ranges::count(is_chosen, 1), 400);
+  BundleAdjuster adjuster;
+  BundleOptions options = kThinnedSteps;
+  options.loss = {RobustLoss::Kind::kHuber, 1.0};
+  const BundleSummary summary = adjust_thinned(adjuster, scene.problem(), options, options, 2.0, kPerPose);
+  EXPECT_LT(summary.used_observations, 5000);
+  for (size_t i = 0; i < scene.poses.size(); ++i) {
+    const Rigid3 error = scene.poses[i] * scene.true_poses[i].inverse();
+    EXPECT_LT(error.translation.norm(), 1e-5) << i;
+    EXPECT_LT(log_so3(error.rotation).norm(), 1e-6) << i;
+  }
+  int off = 0, wrongly_marked = 0;
+  for (size_t p = 0; p < scene.points.size(); ++p) {
+    off += (scene.points[p] - scene.true_points[p]).norm() > 0.02;
+  }
+  for (size_t i = 0; i < scene.observations.size(); ++i) {
+    const BundleObservation& o = scene.observations[i];
+    const bool opens_point = i == 0 || scene.observations[i - 1].point != o.point;
+    wrongly_marked += (scene.is_inlier[i] == 0) != (opens_point && o.point % 10 == 0);
+  }
+  EXPECT_EQ(wrongly_marked, 0);
+  EXPECT_LT(off, 40);
+}
+
+TEST(AdjustThinned, ContradictionsAreRefused) {
+  test::BundleScene scene = spoiled_scene();
+  scene.observations[3].point = 5000;
+  BundleAdjuster adjuster;
+  const Rigid3 before = scene.poses[5];
+  EXPECT_EQ(
+      adjust_thinned(adjuster, scene.problem(), kThinnedSteps, kThinnedSteps, 2.0, kPerPose).termination,
+      Termination::kInvalidProblem);
+  EXPECT_EQ(scene.poses[5].translation, before.translation);
 }
 
 }  // namespace

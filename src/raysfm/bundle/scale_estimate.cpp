@@ -55,19 +55,21 @@ class Estimator {
     if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return std::nullopt;
     const double cost = core_.linearize();
     const OriginGradient held = log_distance(problem_), wanted = log_scale(problem_);
-    if (!solve(held)) return std::nullopt;
+    set_gradient(held);
+    if (!core_.solve(0).valid) return std::nullopt;
     // Of the inverse of H + w p p^T to that of H, p the gradient of what is held (Sherman and Morrison).
     const double part = 1 - kRegularising * along(held);  // I / (I + w), I the information about what is held
     if (!(part > kLeastPart)) return std::nullopt;
-    if (!solve(wanted + held * (kRegularising * along(wanted) / part))) return std::nullopt;
+    set_gradient(wanted + held * (kRegularising * along(wanted) / part));
+    if (!core_.system().solve_again(0, core_.team()).valid) return std::nullopt;
     const double variance = along(wanted);
     if (!(variance > 0)) return std::nullopt;
     return judge(cost, variance);
   }
 
  private:
-  // The unknowns that answer to a gradient: (H + hold)^-1 times it.
-  bool solve(const OriginGradient& gradient) {
+  // The gradient that the unknowns answer to: by (H + hold)^-1 times it.
+  void set_gradient(const OriginGradient& gradient) {
     SchurSystem<6>& system = core_.system();
     for (int i = 0; i < system.pose_count(); ++i) {
       const int pose = core_.layout().poses[i];
@@ -77,7 +79,6 @@ class Estimator {
       right.tail<3>().setZero();
     }
     for (int p = 0; p < system.point_count(); ++p) std::fill_n(system.point(p).gradient, 3, 0.0);
-    return core_.solve(0).valid;
   }
 
   // How much the last solution changes a function of the origins.

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <tuple>
 
+#include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/hierarchy.h"
 #include "raysfm/core/median.h"
-#include "raysfm/odometry/scale_keeper.h"
 #include "raysfm/views/scan_correction.h"
 #include "raysfm/views/surfaces.h"
 
@@ -37,6 +37,10 @@ const BundleOptions kFirstWholeAdaption{
     .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
+// Key frames above which a new scale does not wait for everything to be adjusted along with it.
+constexpr size_t kQuicklyScaled = 100;
+// Points in each key frame of a large map that tell its pose.
+constexpr int kThinnedPoints = 80;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
@@ -191,7 +195,9 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
   }
   adjust_locally(map);
   refit_surfaces(*map, views);
-  if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) measure_scale(map);
+  if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) {
+    measure_scale(map->keyframes.size() > kQuicklyScaled ? ScaleEffort::kQuick : ScaleEffort::kFull, map);
+  }
 }
 
 // Those of the newest key frame, and again of what has become better known since.
@@ -503,6 +509,15 @@ void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
   scatter(first, map);
 }
 
+void Mapper::adjust_thinned(Map* map) {
+  ScopedTimer timer(adjust_timing);
+  gather(map, 0, 0);
+  BundleProblem problem = window_problem(*map);
+  if (rig_.central()) problem.scale_prior = present_extent();
+  raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kThinnedPoints);
+  scatter(0, map);
+}
+
 // Holds the scale that nothing tells, which steps of little damping would change at random.
 ScalePrior Mapper::present_extent() const {
   constexpr double kHold = 1e4;
@@ -520,17 +535,20 @@ void Mapper::adjust_globally(Map* map) {
 void Mapper::adjust_hierarchically(Map* map) {
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
-  const BundleProblem problem = window_problem(*map);
+  BundleProblem problem = window_problem(*map);
   merge_pieces(problem, kAdjustment, {});
-  adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
+  // Pieces are joined as well as the few points at their ends tell: what that bent is along the weakest
+  // directions. With damping, kitti00-small kept 0.4 m of it.
+  if (rig_.central()) problem.scale_prior = present_extent();
+  adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
   scatter(0, map);
 }
 
-void Mapper::measure_scale(Map* map) {
+void Mapper::measure_scale(ScaleEffort effort, Map* map) {
   if (rig_.central()) return;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
-  raysfm::measure_scale(kAdjustment, window_problem(*map), adjuster_, map);
+  raysfm::measure_scale(kAdjustment, effort, window_problem(*map), adjuster_, map);
   scatter(0, map);
 }
 

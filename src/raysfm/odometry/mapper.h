@@ -11,9 +11,13 @@
 #include "raysfm/matching/guided_matcher.h"
 #include "raysfm/odometry/localiser.h"
 #include "raysfm/odometry/options.h"
+#include "raysfm/odometry/scale_keeper.h"
 #include "raysfm/scene/map.h"
 
 namespace raysfm {
+
+// Key frames of a map above which frames do not wait for all of it to be adjusted.
+constexpr size_t kLargeMap = 200;
 
 // Grows a map by key frames (LBA09 2.4 and 2.5). Owns scratch memory.
 class Mapper {
@@ -53,8 +57,12 @@ class Mapper {
   // with: in a few steps, or until a long map converges.
   void adapt_to_cameras(int first, bool to_the_end, Map* map);
 
+  // A few steps for a large map whose parts were brought together: poses by the points that hold them best.
+  // The unit of length stays.
+  void adjust_thinned(Map* map);
+
   // Measures the scale of the map and its standard deviation, where rays have different origins.
-  void measure_scale(Map* map);
+  void measure_scale(ScaleEffort effort, Map* map);
 
   StageTiming keyframe_timing, adjust_timing;
 

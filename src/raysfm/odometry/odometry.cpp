@@ -696,7 +696,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     if (segments_[s].joined_into >= 0) continue;
     Map& map = segments_[s].map;
     const double rescaled = map.rescaled;
-    mapper_.measure_scale(&map);
+    mapper_.measure_scale(ScaleEffort::kFull, &map);
     rescale_frames(static_cast<int>(s), map.rescaled / rescaled);
   }
   for (int i = 0; i < frames(); ++i) settle(i);

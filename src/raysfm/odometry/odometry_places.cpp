@@ -14,9 +14,6 @@ constexpr double kSharedWithPlace = 0.5;
 constexpr size_t kLeastDescribed = 40;
 constexpr int kMostRecalled = 5;        // places that a lost view is compared with
 constexpr size_t kRecalledPoints = 30;  // of a place without images, to go on from there
-// Key frames of a map that is adjusted as soon as a loop is closed. A larger one would hold up the frame for
-// seconds: the graph has spread its drift, and the rest waits for the end.
-constexpr size_t kAdjustedAtOnce = 200;
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
 
 std::vector<KeyFrameView> joined_views(const JoinedNumbers& numbers, std::vector<KeyFrameView> first,
@@ -72,6 +69,11 @@ std::vector<Map*> Odometry::maps() {
 
 bool Odometry::is_new_place(int keyframe) const {
   const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
+  // Most key frames are near the newest place, which is soon found out.
+  if (const int newest = segment().newest_place; newest >= 0 && newest != keyframe) {
+    const auto [seen, shared] = seen_and_shared(segment().map, keyframe, newest);
+    if (shared > kSharedWithPlace * seen) return false;
+  }
   const std::vector<int> shared = shared_points(segment().map, keyframe);
   for (int k = 0; k < static_cast<int>(shared.size()); ++k) {
     const bool is_place = !keyframes[k].described.empty() || k == segment().newest_place;
@@ -117,7 +119,7 @@ void Odometry::close(const Meeting& meeting) {
     carry_frames(active_, before);
   }
   fuse(meeting.relation.points);
-  if (bent && map.keyframes.size() <= kAdjustedAtOnce) {
+  if (bent) {
     adjust_all();
   } else {
     all_has_moved();
@@ -131,9 +133,16 @@ void Odometry::close(const Meeting& meeting) {
   s.closed = true;
 }
 
-// The active world after what was brought together in it, in a few steps; the rest is done at the end.
+// The active world after what was brought together in it, in a few steps, and a large one by some of its
+// points; the rest is done at the end.
 void Odometry::adjust_all() {
-  adjust_from(active_, 0, false);
+  if (segment().map.keyframes.size() <= kLargeMap) {
+    adjust_from(active_, 0, false);
+  } else {
+    const std::vector<Rigid3> before = poses_of(active_);
+    mapper_.adjust_thinned(&segment().map);
+    carry_frames(active_, before);
+  }
   all_has_moved();
 }
 

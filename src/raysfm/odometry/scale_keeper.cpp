@@ -18,9 +18,12 @@ constexpr double kContradiction = 3;  // standard deviations of the inverse of t
 constexpr double kUnmodelled = 2;
 constexpr double kCalibration = 0.005;  // standard deviation of a scale as far as calibrations are right
 constexpr double kSettled = 0.25;       // of sigma: smaller steps are not worth taking
-constexpr double kSmall = 0.01;         // steps of the scale that need no adjustment of everything else
-constexpr int kEvery = 2;               // key frames of a small map
-constexpr double kGrowth = 1.25;        // of a large one, from measurement to measurement
+// Steps of the scale that need no adjustment of everything else, with either effort: where cameras are two
+// decimetres apart, 5 % move what is ten metres away by a thousandth of a radian.
+constexpr double kSmall = 0.01, kMiddling = 0.05;
+constexpr int kQuickSteps = 5;    // of each adjustment of a quick search
+constexpr int kEvery = 2;         // key frames of a small map
+constexpr double kGrowth = 1.25;  // of a large one, from measurement to measurement
 
 double stated(double sigma) {
   return std::hypot(kUnmodelled * sigma, kCalibration);
@@ -41,7 +44,8 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
                           kHold};
 }
 
-void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAdjuster& adjuster, Map* map) {
+void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProblem problem,
+                   BundleAdjuster& adjuster, Map* map) {
   const std::optional<ScaleEstimate> found = estimate_scale(problem, options);
   map->scale_sigma = INFINITY;
   if (!found || !(found->sigma < kBetter || is_far_off(*found))) return;
@@ -50,13 +54,15 @@ void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAd
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
   double ratio = found->ratio;
-  if (step < kSmall) {
+  if (step < (effort == ScaleEffort::kFull ? kSmall : kMiddling)) {
     scale_world(ratio, center, problem.rig_from_world, problem.points);
   } else {
     const int last = static_cast<int>(problem.rig_from_world.size()) - 1;
     const double distance = (problem.rig_from_world[last].inverse().translation - center).norm();
     problem.scale_prior = {last, 0, distance, kHold};
-    const ScaleSearch searched = search_scale(adjuster, problem, options);
+    BundleOptions steps = options;
+    if (effort == ScaleEffort::kQuick) steps.max_iterations = kQuickSteps;
+    const ScaleSearch searched = search_scale(adjuster, problem, steps);
     ratio = searched.distance / distance;
     map->scale_sigma = stated(searched.sigma) < kTold ? stated(searched.sigma) : INFINITY;
   }

@@ -13,10 +13,17 @@ namespace raysfm {
 // problem, -1 for none; nothing is held where the first key frame is not in it.
 void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundleProblem* problem);
 
+// How a measurement that tells another scale is followed.
+enum class ScaleEffort : uint8_t {
+  kFull,   // everything is adjusted along with it
+  kQuick,  // middling steps are taken as they are, after large ones little is adjusted: the rest has time
+};
+
 // Measures the scale from a problem of the whole map: poses are all its key frames in order, the first of
 // which is not free. Where something tells the scale, poses and points of the problem go there;
 // map->scale_sigma, `rescaled` and the guess are what changes of the map.
-void measure_scale(const BundleOptions& options, BundleProblem problem, BundleAdjuster& adjuster, Map* map);
+void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProblem problem,
+                   BundleAdjuster& adjuster, Map* map);
 
 // Whether a map that grows is due for a measurement: one is worth an iteration of an adjustment of all of it.
 bool is_scale_due(int keyframes, int global_until);

@@ -59,11 +59,33 @@ TEST(ScaleKeeper, AGuessBecomesAMeasurement) {
     const double guess = map.guessed_distance;
     Mapper mapper(rig, options);
     mapper.adjust_globally(&map);
-    mapper.measure_scale(&map);
+    mapper.measure_scale(ScaleEffort::kFull, &map);
     EXPECT_NEAR(map.rescaled, 1 / scale, 1e-3 / scale) << scale;
     EXPECT_NEAR(map.guessed_distance, guess / scale, 1e-3 * guess / scale);
     EXPECT_NEAR(map.keyframes[7].rig_from_world.translation.norm(), guess / scale, 2e-3 * guess / scale);
     EXPECT_LT(map.scale_sigma, 6e-3);  // the least that is ever stated is 5e-3
+  }
+}
+
+// A quick measurement changes nothing but the scale.
+TEST(ScaleKeeper, AQuickStepIsTakenAsItIs) {
+  const TrackingRig rig = back_to_back();
+  OdometryOptions options;
+  for (const double scale : {0.97, 0.8}) {
+    const bool is_middling = scale > 0.95;
+    Map map = scaled_map(rig, scale, 1);
+    Mapper mapper(rig, options);
+    mapper.adjust_globally(&map);
+    const Map before = map;
+    mapper.measure_scale(ScaleEffort::kQuick, &map);
+    EXPECT_NEAR(map.rescaled, 1 / scale, 1e-2 / scale);
+    EXPECT_LT(map.scale_sigma, 1e-2);
+    double most_apart = 0;
+    for (size_t t = 0; t < map.tracks.size(); ++t) {
+      const Eigen::Vector3d scaled = map.rescaled * before.tracks[t].position;
+      most_apart = std::max(most_apart, (map.tracks[t].position - scaled).norm());
+    }
+    EXPECT_EQ(most_apart < 1e-9, is_middling) << scale;
   }
 }
 

@@ -159,6 +159,20 @@ LmStep SchurSystem<N>::solve(double damping, WorkTeam& team) {
   eliminate_points(damping, team);
   reduce(damping, team);
   if (!reduced_.factorize(team)) return {};
+  return substitute(damping, team);
+}
+
+template <int N>
+LmStep SchurSystem<N>::solve_again(double damping, WorkTeam& team) {
+  for (int p = 0; p < point_count_; ++p)
+    std::fill_n(&factors_[kFactorSize * static_cast<size_t>(p) + 6], 3, 0.0);
+  for (int i = 0; i < pose_count_; ++i) set_right_side(i);
+  return substitute(damping, team);
+}
+
+// After factorize(): all unknowns from the right hand side.
+template <int N>
+LmStep SchurSystem<N>::substitute(double damping, WorkTeam& team) {
   reduced_.solve(right_, work_);
   for (int i = 0; i < pose_count_; ++i) {
     std::copy_n(&right_[N * static_cast<size_t>(reduced_.position(i))], N,
@@ -191,15 +205,11 @@ void SchurSystem<N>::reduce(double damping, WorkTeam& team) {
     const int position = reduced_.position(i);
     double* diagonal = reduced_.values() + reduced_.offset(position, position);
     const size_t stride = reduced_.stride(position);
-    double* right = &right_[N * static_cast<size_t>(position)];
     for (int c = 0; c < N; ++c) {
       for (int r = c; r < N; ++r) diagonal[stride * c + r] = poses_[i].u[N * c + r];
       diagonal[stride * c + c] += damping * scale_of(poses_[i].u[N * c + c]);
-      right[c] = -poses_[i].gradient[c];
     }
-    const int begin = slot_begin_[i];
-    add_right_side<N>(scaled_.data(), factors_.data(), slots_of_pose_.data() + begin,
-                      points_of_pose_.data() + begin, slot_begin_[i + 1] - begin, right);
+    set_right_side(i);
   };
   const auto subtract = [&](int chunk) {
     for (int k = run_chunks_[chunk]; k < run_chunks_[chunk + 1]; ++k) {
@@ -216,6 +226,15 @@ void SchurSystem<N>::reduce(double damping, WorkTeam& team) {
     for (int i = 0; i < pose_count_; ++i) set_pose(i);
     for (int chunk = 0; chunk < chunks; ++chunk) subtract(chunk);
   }
+}
+
+template <int N>
+void SchurSystem<N>::set_right_side(int i) {
+  double* right = &right_[N * static_cast<size_t>(reduced_.position(i))];
+  for (int c = 0; c < N; ++c) right[c] = -poses_[i].gradient[c];
+  const int begin = slot_begin_[i];
+  add_right_side<N>(scaled_.data(), factors_.data(), slots_of_pose_.data() + begin,
+                    points_of_pose_.data() + begin, slot_begin_[i + 1] - begin, right);
 }
 
 template <int N>

@@ -58,6 +58,9 @@ class SchurSystem {
   // Solves with the diagonal times 1 + damping (an exact zero counts as 1, so that what is not observed
   // stays).
   LmStep solve(double damping, WorkTeam& team);
+  // The same with the factors of the last solve(), for other gradients of the poses and points without any:
+  // the blocks and the damping must be those of then.
+  LmStep solve_again(double damping, WorkTeam& team);
 
   // The last solution.
   const double* pose_step(int i) const { return &pose_steps_[N * static_cast<size_t>(i)]; }
@@ -88,6 +91,8 @@ class SchurSystem {
   void cut_work();
   void eliminate_points(double damping, WorkTeam& team);
   void reduce(double damping, WorkTeam& team);
+  void set_right_side(int pose);
+  LmStep substitute(double damping, WorkTeam& team);
   void substitute_points(int begin, int end);
   double predicted_decrease(double damping) const;
 

@@ -115,6 +115,21 @@ void expect_dense_solution(RandomBundle<N>& bundle, double damping) {
   EXPECT_NEAR(step.decrease, model, 1e-9 * model);
 }
 
+TEST(SchurSystem, SolvesAgainForOtherGradientsOfThePoses) {
+  RandomBundle<6> bundle(40, 300, 6, 3);
+  constexpr double kDamping = 1e-3;
+  ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
+  Rng rng(8);
+  for (int i = 0; i < bundle.poses; ++i) {
+    for (double& g : bundle.system.pose(i).gradient) g = rng.normal();
+  }
+  for (int p = 0; p < bundle.points; ++p) std::fill_n(bundle.system.point(p).gradient, 3, 0.0);
+  ASSERT_TRUE(bundle.system.solve_again(kDamping, bundle.team).valid);
+  const Eigen::VectorXd again = bundle.step();
+  ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
+  EXPECT_LT((again - bundle.step()).norm(), 1e-12 * again.norm());
+}
+
 TEST(SchurSystem, IsTheDenseSolution) {
   struct {
     int poses, points, longest_track;

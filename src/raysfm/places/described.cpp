@@ -58,7 +58,7 @@ void describe_keyframe(const Map& map, const View& view, Describer& describer, M
     describer.describe(*view.cameras[c].octaves, pixels, octaves, &set);
     for (int i = 0; i < set.size(); ++i) described.push_back({features[set.corners[i]], set.descriptors[i]});
   }
-  std::ranges::sort(described, {}, &std::pair<int, Descriptor>::first);
+  if (view.cameras.size() > 1) std::ranges::sort(described, {}, &std::pair<int, Descriptor>::first);
   keyframe->described.reserve(described.size());
   keyframe->descriptors.reserve(described.size());
   for (const auto& [feature, descriptor] : described) {

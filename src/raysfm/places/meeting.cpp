@@ -69,6 +69,18 @@ std::vector<int> shared_points(const Map& map, int keyframe) {
   return shared;
 }
 
+SeenAndShared seen_and_shared(const Map& map, int keyframe, int other) {
+  std::vector<int> there(map.keyframes[other].tracks.begin(), map.keyframes[other].tracks.end());
+  std::ranges::sort(there);
+  SeenAndShared found;
+  for (const int t : map.keyframes[keyframe].tracks) {
+    if (t < 0 || !map.tracks[t].triangulated) continue;
+    ++found.seen;
+    found.shared += std::ranges::binary_search(there, t);
+  }
+  return found;
+}
+
 bool is_plausible(const Meeting& meeting, const Map& map) {
   const std::vector<MapKeyFrame>& keyframes = map.keyframes;
   const Rigid3& here = keyframes[meeting.here.keyframe].rig_from_world;

@@ -33,6 +33,13 @@ bool has_same_scale(const TrackingRig& rig, const Map& a, const Map& b);
 // How many points of a key frame each key frame of the map sees, itself among them.
 std::vector<int> shared_points(const Map& map, int keyframe);
 
+// How many points a key frame sees, and how many of these another one sees too: what shared_points() has for
+// the two, in less time.
+struct SeenAndShared {
+  int seen = 0, shared = 0;
+};
+SeenAndShared seen_and_shared(const Map& map, int keyframe, int other);
+
 // Of two key frames of one world, the earlier one `there`: whether the path between may have drifted so far.
 bool is_plausible(const Meeting& meeting, const Map& map);
 

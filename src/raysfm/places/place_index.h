@@ -52,6 +52,8 @@ class PlaceIndex {
     // Offers the places of the signatures that are near one.
     void offer_near(uint64_t signature, std::span<const uint8_t> is_skipped, TwoNearest* nearest) const;
   };
+  void fetch_ahead(std::span<const uint64_t> asked_for, size_t now) const;
+
   std::vector<Bucket> buckets_;  // of one quarter after another
   int size_ = 0;
 };

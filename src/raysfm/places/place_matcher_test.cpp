@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <numbers>
 #include <set>
 
 #include "raysfm/core/random.h"
@@ -181,6 +183,93 @@ TEST_F(PlaceMatcherTest, PointsOfTheKeyFramesBesideItAreFound) {
   const auto alone = recognise(seen);
   ASSERT_TRUE(alone);
   EXPECT_LT(alone->matches.size(), 0.7 * static_cast<double>(all->matches.size()));
+}
+
+// So many bits of a descriptor turned round, from one on.
+Descriptor changed(Descriptor d, int from, int bits) {
+  for (int b = from; b < from + bits; ++b) d.bits[b / 64 % 4] ^= uint64_t{1} << (b % 64);
+  return d;
+}
+
+// Each corner stands twice in the view, once where it belongs and once elsewhere: only where the right one
+// looks clearly more like the point is anything known.
+TEST_F(PlaceMatcherTest, CornersThatLookNearlyAlikeSayNothing) {
+  const DescribedCorners seen = described_corners(truth_.map.keyframes[1]);
+  for (const int differing : {22, 60}) {
+    DescribedCorners twice;
+    for (size_t i = 0; i < seen.corners.size(); ++i) {
+      twice.corners.push_back(seen.corners[i]);
+      twice.descriptors.push_back(changed(seen.descriptors[i], 0, 20));
+      twice.corners.push_back(seen.corners[seen.corners.size() - 1 - i]);
+      twice.descriptors.push_back(changed(seen.descriptors[i], 64, differing));
+    }
+    EXPECT_EQ(recognise(twice).has_value(), differing == 60) << differing;
+  }
+}
+
+// Where a pose sees a point is a corner, but one of something else.
+TEST_F(PlaceMatcherTest, CornersThatLookOtherwiseAreNotThePoint) {
+  DescribedCorners seen = described_corners(truth_.map.keyframes[1]);
+  for (size_t i = 0; i < seen.corners.size(); i += 3) {
+    seen.descriptors[i] = changed(seen.descriptors[i], static_cast<int>(i), 120);
+  }
+  const auto place = recognise(seen);
+  ASSERT_TRUE(place);
+  ASSERT_GT(place->matches.size(), 60u);
+  for (const CornerOfTrack& m : place->matches) EXPECT_NE(m.corner % 3, 0);
+}
+
+// False alarms where every corner is matched and agrees, as place_matcher.h has them: a wrong match agrees
+// with a pose where it falls within four pixels of the octave, ten times as often as dots would, and what
+// agrees within one of 24 x 24 * height / width cells of one camera's image is one match.
+double false_alarms(const DescribedCorners& seen, const TrackingRig& rig) {
+  std::set<std::array<int, 3>> cells;
+  double chance = 0;
+  for (const TrackPixel& corner : seen.corners) {
+    const Camera& camera = rig.camera(corner.camera);
+    const float side = static_cast<float>(camera.width) / 24;
+    cells.insert({corner.camera, static_cast<int>(corner.pixel.x() / side),
+                  static_cast<int>(corner.pixel.y() / side)});
+    chance +=
+        10 * std::numbers::pi * std::pow(4 * octave_side(corner.octave), 2) / camera.width / camera.height;
+  }
+  const auto count = static_cast<int>(seen.corners.size());
+  return log10_chance_poses(count, static_cast<int>(cells.size()), std::min(0.5, chance / count));
+}
+
+TEST_F(PlaceMatcherTest, FalseAlarmsAreThoseOfTheCellsOfTheImage) {
+  const DescribedCorners seen = described_corners(truth_.map.keyframes[1]);
+  const auto place = recognise(seen);
+  ASSERT_TRUE(place);
+  EXPECT_NEAR(place->log10_false_alarms, false_alarms(seen, truth_.rig), 1e-6);
+}
+
+// A second camera that sees the same as the first, in the other direction.
+TEST_F(PlaceMatcherTest, CellsOfTwoCamerasAreTwoCells) {
+  Rig two = truth_.rig.rig();
+  two.cameras.push_back(two.cameras[0]);
+  two.cameras[1].rig_from_cam =
+      two.cameras[0].rig_from_cam * Rigid3{exp_so3({0, std::numbers::pi, 0}), {0, 0, 0}};
+  const TrackingRig rig(two);
+  Map& map = truth_.map;
+  MapKeyFrame& k = map.keyframes[1];
+  const Rigid3 other_from_one = k.rig_from_world.inverse() * two.cameras[1].rig_from_cam *
+                                two.cameras[0].rig_from_cam.inverse() * k.rig_from_world;
+  const size_t described = k.described.size();
+  for (size_t i = 0; i < described; ++i) {
+    const int f = k.described[i], track = map.new_track();
+    map.tracks[track].position = other_from_one * map.tracks[k.tracks[f]].position;
+    map.tracks[track].triangulated = true;
+    const int feature = k.add(1, k.pixels[f], k.octaves[f], track);
+    map.observe(track, 1, feature);
+    k.described.push_back(feature);
+    k.descriptors.push_back(changed(k.descriptors[i], 0, 128));
+  }
+  const DescribedCorners seen = described_corners(k);
+  ASSERT_EQ(seen.corners.size(), 2 * described);
+  const auto place = PlaceMatcher(rig).recognise(seen, map, 1, 1, 2);
+  ASSERT_TRUE(place);
+  EXPECT_NEAR(place->log10_false_alarms, false_alarms(seen, rig), 1e-6);
 }
 
 double choose(int n, int k) {

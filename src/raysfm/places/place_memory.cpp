@@ -63,6 +63,7 @@ std::vector<PlaceVotes> PlaceMemory::likely_places(const PlaceRef& here, const M
     is_known.push_back(at_hand(p) || (place.world == here.world &&
                                       shared[place.keyframe] > kConnected * shared[here.keyframe]));
   }
+  if (std::ranges::count(is_known, 0) == 0) return {};
   std::vector<PlaceVotes> likely =
       index_.search(map.keyframes[here.keyframe].descriptors, is_known, kMostLookedAt);
   const bool is_only_one = std::ranges::count(is_known, 0) == 1;

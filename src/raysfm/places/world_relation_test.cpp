@@ -83,6 +83,31 @@ TEST_F(WorldRelationTest, AScaleThatIsKnownMustAgree) {
   }
 }
 
+// Distances with normal errors: the scale is off by as much as is said of it.
+TEST_F(WorldRelationTest, TheScaleIsAsSureAsIsSaid) {
+  constexpr int kTrials = 300;
+  move_here(2);
+  const Map exact = here_.map;
+  const Rigid3& rig_from_world = exact.keyframes[kHere].rig_from_world;
+  const auto right = relate();
+  ASSERT_TRUE(right);
+  Rng rng(11);
+  double squares = 0, said = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    for (size_t t = 0; t < exact.tracks.size(); ++t) {
+      here_.map.tracks[t].position = rig_from_world.inverse() * (std::exp(0.08 * rng.normal()) *
+                                                                 (rig_from_world * exact.tracks[t].position));
+    }
+    const auto relation = relate();
+    ASSERT_TRUE(relation);
+    squares +=
+        std::pow(std::log(relation->there_from_here.scale / right->there_from_here.scale), 2) / kTrials;
+    said += std::pow(relation->log_scale_sigma, 2) / kTrials;
+  }
+  EXPECT_GT(squares / said, 0.7);
+  EXPECT_LT(squares / said, 1.4);
+}
+
 // A map of something else behind the same picture.
 TEST_F(WorldRelationTest, DistancesOfNoOneScaleAreRefused) {
   move_here(2);
