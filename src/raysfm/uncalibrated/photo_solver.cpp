@@ -76,7 +76,8 @@ Result<Solution> PhotoSolver::grown(Result<Solution> solution, bool equal) const
     GrowingScene growing{solution->scene, solution->image_posed, solution->point_placed};
     keep_good_points(*solution, &growing);
     place_left_points(tracks_, options_.max_error_px, &growing);
-    if (pose_left_images(tracks_, options_, !equal, &growing) == 0) break;
+    // Points alone, placed and adjusted once, may be what an image lacks.
+    if (pose_left_images(tracks_, options_, !equal, &growing) == 0 && round > 0) break;
     Result<Solution> more = settled(std::move(growing), *solution, equal);
     if (!is_better(more, solution)) break;
     solution = std::move(more);

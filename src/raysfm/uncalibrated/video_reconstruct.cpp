@@ -17,9 +17,9 @@
 namespace raysfm {
 namespace {
 
-constexpr int kStartImages = 16;               // key frames
-constexpr int kStarts = 5;                     // stretches tried
-constexpr int kGroupImages = 24, kGroups = 3;  // of photos
+constexpr int kStartImages = 16;                    // key frames
+constexpr int kStarts = 5;                          // stretches tried
+constexpr int kGroupImages = 24, kPhotoGroups = 3;  // of photos
 constexpr double kSureFocal = 0.01;
 
 std::vector<int> marked(std::span<const uint8_t> marks) {
@@ -103,7 +103,7 @@ double doubt(const UncalibratedReconstruction& start) {
 // Images to start from: stretches of key frames, or groups of photos.
 std::vector<std::vector<int>> start_images(const PointTracks& tracks, const std::vector<int>& keyframes,
                                            bool in_order) {
-  if (!in_order) return dense_groups(tracks, kGroupImages, kGroups);
+  if (!in_order) return dense_groups(tracks, kGroupImages, kPhotoGroups);
   const int count = static_cast<int>(keyframes.size());
   const int length = std::min(count, kStartImages);
   const int starts = count > length ? std::clamp(2 * count / length, 2, kStarts) : 1;
