@@ -201,11 +201,25 @@ bool LiveView::next_event(Listener* listener, std::string* event) {
   return !over_;
 }
 
+namespace {
+
+// The value may be left out, so that the word behind the flag can be meant for something else.
+CLI::Validator an_address() {
+  return {[](std::string& text) -> std::string {
+            if (text.empty() || text == "true" || parse_server_address("", text)) return "";
+            return "'" + text + "' is not allowed, PORT or ADDRESS:PORT are; INPUT comes before the flag";
+          },
+          ""};
+}
+
+}  // namespace
+
 void ViewFlag::add_to(CLI::App* command) {
   option_ = command
                 ->add_option("--view", text_,
                              "watch the run in a browser; without an address only this machine can")
                 ->expected(0, 1)
+                ->check(an_address())
                 ->type_name("[[ADDRESS:]PORT]");
 }
 
