@@ -32,7 +32,11 @@ class MadeFrames : public FrameSource {
     frame.name = "frame " + std::to_string(i);
     frame.gray = testing_support::random_image(width(), height(), 100 + i);
     if (colour_) frame.colors.rgb = testing_support::random_image(3 * width(), height(), 200 + i);
-    if (i == defect_at) frame = {i, 0.25 * i, frame.name, {}, {}, "frame of the test is damaged"};
+    if (i == defect_at) {
+      frame.gray = {};
+      frame.colors = {};
+      frame.defect = "frame of the test is damaged";
+    }
     return std::optional(std::move(frame));
   }
   int width() const override { return 96; }
