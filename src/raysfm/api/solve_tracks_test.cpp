@@ -58,7 +58,10 @@ class TextureSource : public FrameSource {
 
   Result<std::optional<InputFrame>> next() override {
     if (next_ == count_) return std::optional<InputFrame>();
-    InputFrame frame{next_, 0.1 * next_, std::to_string(next_), {}, {}, {}};
+    InputFrame frame;
+    frame.index = next_;
+    frame.timestamp = 0.1 * next_;
+    frame.name = std::to_string(next_);
     frame.gray = textured_image({1, {2.0 * next_++, 0.0}});
     return std::optional<InputFrame>(std::move(frame));
   }
