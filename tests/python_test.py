@@ -384,6 +384,15 @@ class Tracker(PythonTest):
 
 
 class Others(PythonTest):
+    def test_frames_whose_place_is_held(self):
+        held = self.folder / "held"
+        shutil.copytree(TRACKED, held)
+        report = json.loads((held / "report.json").read_text())
+        self.assertEqual(report["frames"]["place_held"], [])
+        report["frames"]["place_held"] = [{"first": 2, "last": 4}]
+        (held / "report.json").write_text(json.dumps(report))
+        self.assertEqual(numpy.flatnonzero(raysfm.read_reconstruction(held).place_held).tolist(), [2, 3, 4])
+
     def test_read_and_evaluate(self):
         result = raysfm.read_reconstruction(TRACKED)
         said = json.loads(run("eval", TRACKED, STREET, "--json").stdout)

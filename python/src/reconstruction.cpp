@@ -190,6 +190,8 @@ void bind_frames_of(py::class_<Reconstruction, std::shared_ptr<Reconstruction>>&
       .def_property_readonly(
           "segment_of_frame", number([](const PosedFrame& f) { return f.segment; }),
           "The segment that has the pose, -1 without; segments share neither frame nor scale.")
+      .def_property_readonly("place_held", number([](const PosedFrame& f) { return int{f.place_held}; }),
+                             "1 where only the turning of a frame was seen, and its place is held; else 0.")
       .def_property_readonly("lens_of_frame", number([](const PosedFrame& f) { return f.lens; }),
                              "Index into `lenses`, -1: the rig's, or unknown.")
       .def_property_readonly(

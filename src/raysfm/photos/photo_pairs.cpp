@@ -60,8 +60,7 @@ std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features,
   std::vector<std::pair<int, int>> pairs;
   for (const auto& some : of_photo) pairs.insert(pairs.end(), some.begin(), some.end());
   std::ranges::sort(pairs);
-  const auto twice = std::ranges::unique(pairs);
-  pairs.erase(twice.begin(), twice.end());
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   return pairs;
 }
 
