@@ -44,6 +44,7 @@ class ArchiveReader {
   explicit ArchiveReader(std::string_view content) : left_(content) {}
 
   void bytes(void* data, size_t size) {
+    if (size == 0) return;  // there may be no data then
     good_ = good_ && size <= left_.size();
     if (!good_) {
       std::memset(data, 0, size);
