@@ -96,7 +96,6 @@ void LiveView::place_seen_again(const PlaceSeenAgain&) {
 
 // They were in another place, or in other units.
 void LiveView::forget_poses() {
-  moved_ = true;
   const std::lock_guard lock(mutex_);
   poses_before_ += poses_.size();
   poses_.clear();

@@ -62,7 +62,7 @@ class LiveView : public TrackWatcher {
   std::atomic<int> listeners_ = 0;
   Clock::time_point next_map_ = Clock::now();  // not before; of the run's thread alone
   Pose newest_;                                // likewise
-  bool any_pose_ = false, moved_ = false;      // likewise
+  bool any_pose_ = false;                      // likewise
 
   std::mutex mutex_;  // of all below
   std::condition_variable news_;
