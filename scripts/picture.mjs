@@ -1,15 +1,11 @@
 // Draws the map and path of a result's page into a file: picture.mjs VIEWER PAGE.html PICTURE.jpg [light]
 import { writeFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { resolve } from "node:path";
 import { pathToFileURL } from "node:url";
+import { launchBrowser } from "./browser.mjs";
 
 const [viewer, file, picture, theme = "dark"] = process.argv.slice(2);
-const { chromium } = createRequire(`${resolve(viewer)}/`)("playwright-core");
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-});
+const browser = await launchBrowser(viewer, process.env.CHROMIUM ?? "/usr/bin/chromium");
 const [width, height] = [1200, 640];
 const page = await browser.newPage({ viewport: { width, height }, colorScheme: theme });
 await page.goto(pathToFileURL(resolve(file)).href);

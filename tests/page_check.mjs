@@ -1,14 +1,10 @@
 // Opens a page in a browser and does what a user does: page_check.mjs VIEWER CHROMIUM PAGE.html FRAME_WITHOUT_POSE FRAME_A FRAME_B
 // Prints one JSON object of what it saw, which page_test.py judges.
-import { createRequire } from "node:module";
 import { pathToFileURL } from "node:url";
+import { launchBrowser } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, file, missing, from, to] = process.argv.slice(2);
-const { chromium } = createRequire(`${viewer}/`)("playwright-core");
-const browser = await chromium.launch({
-  executablePath,
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-});
+const browser = await launchBrowser(viewer, executablePath);
 const page = await browser.newPage({ viewport: { width: 1100, height: 760 }, colorScheme: "light" });
 const seen = { errors: [], requests: [] };
 page.on("console", (m) => ["error", "warning"].includes(m.type()) && seen.errors.push(m.text()));

@@ -1,13 +1,9 @@
 // Opens a page that is served and looks at it: served_check.mjs VIEWER CHROMIUM pictures|live URL FRAME
 // Prints one JSON object of what it saw, which page_test.py judges; `live` prints a line when the browser is there.
-import { createRequire } from "node:module";
+import { launchBrowser } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, what, url, frame] = process.argv.slice(2);
-const { chromium } = createRequire(`${viewer}/`)("playwright-core");
-const browser = await chromium.launch({
-  executablePath,
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-});
+const browser = await launchBrowser(viewer, executablePath);
 const page = await browser.newPage({ viewport: { width: 900, height: 640 }, colorScheme: "light" });
 const seen = { errors: [], requests: [] };
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));

@@ -25,17 +25,6 @@ constexpr double kShareOfTime = 100;  // a map is copied and sent for one part i
 
 }  // namespace
 
-std::string title_of(const std::vector<std::string>& inputs) {
-  std::string title;
-  for (const std::string& input : inputs) {
-    std::error_code failure;  // also of "." and "out/"
-    const std::filesystem::path whole = std::filesystem::canonical(input, failure);
-    title +=
-        (title.empty() ? "" : ", ") + (failure ? std::filesystem::path(input) : whole).filename().string();
-  }
-  return title;
-}
-
 Result<std::unique_ptr<LiveView>> LiveView::start(const ServerAddress& address, const std::string& title) {
   if (!has_page()) return bad_input("--view: this build has no page: npm was not there when it was made");
   std::unique_ptr<LiveView> view(new LiveView(title));

@@ -17,9 +17,6 @@
 
 namespace raysfm::app {
 
-// The names of inputs or results without their folders.
-std::string title_of(const std::vector<std::string>& inputs);
-
 // A run under way as browsers see it. The run leaves its newest state here and goes on: poses one by one, and
 // now and then a copy of the map, for no more than a hundredth of the time and only while somebody looks.
 // Whoever is slow misses what is older; memory does not grow with them.

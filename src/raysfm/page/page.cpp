@@ -65,10 +65,10 @@ Result<std::string> page_html(const Reconstruction& reconstruction, const PageIn
   return text;
 }
 
-Result<void> write_page(const Reconstruction& reconstruction, const Report& report, const std::string& title,
+Result<void> write_page(const Reconstruction& reconstruction, const Report& report,
                         const std::filesystem::path& path) {
-  const Result<std::string> html =
-      page_html(reconstruction, {.title = title, .stages = stage_times(report)}, false);
+  const PageInfo info = {.title = title_of(report.input), .stages = stage_times(report)};
+  const Result<std::string> html = page_html(reconstruction, info, false);
   if (!html) return html.error();
   return write_file(path, *html);
 }

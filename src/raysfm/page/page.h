@@ -18,9 +18,9 @@ bool has_page();
 // it asks for what `info` says that there is. Errors: bad input, where this build has no page.
 Result<std::string> page_html(const Reconstruction& reconstruction, const PageInfo& info, bool served);
 
-// Writes page_html() of a finished result as a file. `title` may hold anything. Errors: bad input, where this
-// build has no page or the file cannot be written.
-Result<void> write_page(const Reconstruction& reconstruction, const Report& report, const std::string& title,
+// Writes page_html() of a finished result as a file; its title is what the result was made of. Errors: bad
+// input, where this build has no page or the file cannot be written.
+Result<void> write_page(const Reconstruction& reconstruction, const Report& report,
                         const std::filesystem::path& path);
 
 }  // namespace raysfm

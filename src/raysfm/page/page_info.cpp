@@ -30,4 +30,16 @@ std::vector<StageTime> read_stage_times(const std::filesystem::path& folder) {
   return times;
 }
 
+std::string title_of(const std::vector<std::string>& inputs) {
+  std::string title;
+  for (const std::string& input : inputs) {
+    std::error_code failure;
+    std::filesystem::path path = std::filesystem::weakly_canonical(input, failure);  // also of "." and "out/"
+    if (failure) path = input;
+    if (!path.has_filename()) path = path.parent_path();
+    title += (title.empty() ? "" : ", ") + path.filename().string();
+  }
+  return title;
+}
+
 }  // namespace raysfm

@@ -29,6 +29,9 @@ struct LiveInfo {
   int world = -1;  // of that frame, as a TrackerObserver counts them
 };
 
+// The names of inputs or results without their folders.
+std::string title_of(const std::vector<std::string>& inputs);
+
 // What a page says beside the reconstruction.
 struct PageInfo {
   std::string title = {};  // may hold anything

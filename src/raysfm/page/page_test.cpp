@@ -180,13 +180,22 @@ TEST(Page, NoNameEndsTheScript) {
   EXPECT_EQ(data.find('<'), std::string::npos);
   EXPECT_EQ(json::parse(page_data(r, {.title = "</script>"}))["title"], "</script>");
   if (!has_page()) GTEST_SKIP() << "this build has no page";
-  const TemporaryFolder temporary;
-  ASSERT_TRUE(write_page(r, {}, title, temporary.path() / "page.html").ok());
-  const std::string html = content_of(temporary.path() / "page.html");
+  const std::string html = *page_html(r, {.title = title}, false);
   EXPECT_EQ(html.find("<script>alert"), std::string::npos);
   EXPECT_NE(html.find("<title>&lt;/script&gt;&lt;script&gt;alert(&#39;&quot;&amp;&#39;)"), std::string::npos);
   EXPECT_NE(html.find(data), std::string::npos);
   EXPECT_LT(html.size(), 2u << 20);
+}
+
+TEST(Page, AFileIsNamedAfterWhatItWasMadeOf) {
+  if (!has_page()) GTEST_SKIP() << "this build has no page";
+  const TemporaryFolder temporary;
+  const Reconstruction r = small_reconstruction({kPinhole});
+  Report report;
+  report.input = {"somewhere/a <b>.mp4", (temporary.path() / "folder/").string()};
+  ASSERT_TRUE(write_page(r, report, temporary.path() / "page.html").ok());
+  EXPECT_NE(content_of(temporary.path() / "page.html").find("<title>a &lt;b&gt;.mp4, folder"),
+            std::string::npos);
 }
 
 TEST(Page, NothingHasAPose) {

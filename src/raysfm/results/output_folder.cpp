@@ -79,18 +79,6 @@ Result<void> write_worlds(const Reconstruction& reconstruction, const fs::path& 
   return {};
 }
 
-// Its title is what the result was made of.
-Result<void> write_page_of(const Reconstruction& reconstruction, const Report& report,
-                           const fs::path& folder) {
-  if (!page_writer) return {};
-  std::string title;
-  for (const std::string& input : report.input) {
-    const fs::path path = (fs::path(input) / ".").lexically_normal().parent_path();
-    title += (title.empty() ? "" : ", ") + path.filename().string();
-  }
-  return page_writer(reconstruction, report, title, folder / kPage);
-}
-
 Result<void> write_contents(const Reconstruction& reconstruction, Report report, const std::string& config,
                             std::span<const ResultFile> more, const fs::path& folder) {
   if (auto r = write_worlds(reconstruction, folder); !r) return r;
@@ -98,7 +86,9 @@ Result<void> write_contents(const Reconstruction& reconstruction, Report report,
     if (auto r = file.write(folder / file.name); !r) return r;
   }
   if (auto r = write_file(folder / kConfig, config); !r) return r;
-  if (auto r = write_page_of(reconstruction, report, folder); !r) return r;
+  if (page_writer) {
+    if (auto r = page_writer(reconstruction, report, folder / kPage); !r) return r;
+  }
   report.files = files_below(folder);
   report.files.emplace_back(kReport);
   return write_report(reconstruction, report, folder / kReport);

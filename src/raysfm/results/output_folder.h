@@ -32,9 +32,9 @@ struct ResultFile {
   std::function<Result<void>(const std::filesystem::path& path)> write;
 };
 
-// Writes a page that shows a result; `title` may hold anything.
+// Writes a page that shows a result.
 using PageWriter = std::function<Result<void>(const Reconstruction& reconstruction, const Report& report,
-                                              const std::string& title, const std::filesystem::path& path)>;
+                                              const std::filesystem::path& path)>;
 
 // From now on results have report.html, which this writes; empty, as at first: they have none. Not while
 // results are being written.
