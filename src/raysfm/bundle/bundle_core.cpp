@@ -34,7 +34,7 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
   active_count_ = dropped_ = 0;
   for (size_t k = 0; k < lanes; ++k) {
     const int i = layout_.lanes[k].observation;
-    active_[k] = i >= 0 && (problem.is_inlier.empty() || problem.is_inlier[i]);
+    active_[k] = i >= 0 && problem.uses(i);
     active_count_ += active_[k];
   }
   is_lost_.assign(lanes, 0);

@@ -57,6 +57,8 @@ struct BundleProblem {
   std::span<BalLens> lenses = {};          // one per pose, or empty
   std::span<const float> sigmas = {};      // > 0, in the residual's unit; one per observation; empty: all 1
   ScalePrior scale_prior = {};
+
+  bool uses(size_t observation) const { return is_inlier.empty() || is_inlier[observation] != 0; }
 };
 
 struct BundleOptions {

@@ -73,10 +73,9 @@ void ObservationLayout::build(const BundleProblem& problem, Taking taking) {
 }
 
 void ObservationLayout::sort_observations(const BundleProblem& problem, Taking taking) {
-  const bool all = taking == Taking::kAll || problem.is_inlier.empty();
   order_.clear();
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (all || problem.is_inlier[i]) order_.push_back(static_cast<int>(i));
+    if (taking == Taking::kAll || problem.uses(i)) order_.push_back(static_cast<int>(i));
   }
   if (problem.cameras.size() > 1 && problem.rays.empty() && problem.lenses.empty()) {
     const auto camera = [&](int i) { return problem.observations[i].camera; };

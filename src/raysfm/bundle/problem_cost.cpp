@@ -10,7 +10,7 @@ ProblemCost problem_cost(const BundleProblem& problem, const RobustLoss& loss) {
   ProblemResiduals residuals;
   residuals.load(problem);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (!problem.is_inlier.empty() && !problem.is_inlier[i]) continue;
+    if (!problem.uses(i)) continue;
     Eigen::Vector2d residual;
     if (residuals(static_cast<int>(i), &residual)) {
       result.cost += 0.5 * loss.cost(residual.squaredNorm());

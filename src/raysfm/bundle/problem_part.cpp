@@ -6,15 +6,14 @@ namespace raysfm {
 
 ObservationsByPose::ObservationsByPose(const BundleProblem& problem)
     : begin(problem.rig_from_world.size() + 1, 0) {
-  const auto is_used = [&](size_t i) { return problem.is_inlier.empty() || problem.is_inlier[i]; };
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (is_used(i)) ++begin[problem.observations[i].pose + 1];
+    if (problem.uses(i)) ++begin[problem.observations[i].pose + 1];
   }
   for (size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
   std::vector<int> place = begin;
   observations.resize(begin.back());
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (is_used(i)) observations[place[problem.observations[i].pose]++] = static_cast<int>(i);
+    if (problem.uses(i)) observations[place[problem.observations[i].pose]++] = static_cast<int>(i);
   }
 }
 

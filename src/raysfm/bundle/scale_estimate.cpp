@@ -119,7 +119,7 @@ class Estimator {
     move(h, &after, &points_after);
     std::vector<double> parts(problem_.points.size(), 0.0);
     for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
-      if (!problem_.is_inlier.empty() && !problem_.is_inlier[i]) continue;
+      if (!problem_.uses(i)) continue;
       const BundleObservation& o = problem_.observations[i];
       Eigen::Vector2d r, r_before, r_after;
       if (!residual_of(problem_, i, &r) ||

@@ -11,10 +11,6 @@ namespace {
 // Of each series, when poses are held: nothing but a point's own observations holds it back.
 constexpr int kPointSteps = 1;
 
-bool is_inlier(const BundleProblem& problem, size_t observation) {
-  return problem.is_inlier.empty() || problem.is_inlier[observation] != 0;
-}
-
 // The chosen points with what is seen of them, as a problem of its own with the poses of the whole.
 class ThinnedProblem {
  public:
@@ -32,7 +28,7 @@ class ThinnedProblem {
       if (number[o.point] < 0) continue;
       o.point = number[o.point];
       observations_.push_back(o);
-      is_inlier_.push_back(is_inlier(whole, i));
+      is_inlier_.push_back(whole.uses(i));
       if (!whole.rays.empty()) rays_.push_back(whole.rays[i]);
       if (!whole.sigmas.empty()) sigmas_.push_back(whole.sigmas[i]);
     }
@@ -69,7 +65,7 @@ void carry_points(const BundleProblem& problem, std::span<const uint8_t> is_chos
   std::vector<int> first(problem.points.size(), -1);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     const BundleObservation& o = problem.observations[i];
-    if (is_inlier(problem, i) && (first[o.point] < 0 || o.pose < first[o.point])) first[o.point] = o.pose;
+    if (problem.uses(i) && (first[o.point] < 0 || o.pose < first[o.point])) first[o.point] = o.pose;
   }
   for (size_t p = 0; p < problem.points.size(); ++p) {
     const bool is_fixed = !problem.point_is_fixed.empty() && problem.point_is_fixed[p];
@@ -84,7 +80,7 @@ std::vector<uint8_t> choose_points(const BundleProblem& problem, int per_pose) {
   const size_t points = problem.points.size();
   std::vector<int> begin(points + 1, 0);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (is_inlier(problem, i)) ++begin[problem.observations[i].point + 1];
+    if (problem.uses(i)) ++begin[problem.observations[i].point + 1];
   }
   std::vector<int> order(points);
   std::iota(order.begin(), order.end(), 0);
@@ -92,7 +88,7 @@ std::vector<uint8_t> choose_points(const BundleProblem& problem, int per_pose) {
   std::partial_sum(begin.begin(), begin.end(), begin.begin());
   std::vector<int> poses(begin.back()), place(begin.begin(), begin.end() - 1);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
-    if (is_inlier(problem, i)) poses[place[problem.observations[i].point]++] = problem.observations[i].pose;
+    if (problem.uses(i)) poses[place[problem.observations[i].point]++] = problem.observations[i].pose;
   }
   std::vector<uint8_t> is_chosen(points, 0);
   std::vector<int> seen(problem.rig_from_world.size(), 0);

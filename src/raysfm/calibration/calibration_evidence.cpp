@@ -123,7 +123,7 @@ class Measurement {
     by_parameters_.assign(2 * static_cast<size_t>(width_) * problem_.observations.size(), 0.0);
     terms_.reserve(problem_.observations.size());
     for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
-      if (!problem_.is_inlier.empty() && !problem_.is_inlier[i]) continue;
+      if (!problem_.uses(i)) continue;
       const BundleObservation& o = problem_.observations[i];
       if (point_number_[o.point] < 0) continue;
       const Eigen::Vector3d x =
