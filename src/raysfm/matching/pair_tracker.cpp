@@ -148,4 +148,16 @@ void PairTracker::update(const CameraView& next) {
   }
 }
 
+std::vector<PairTracker> trackers_from(const ViewPtr& base, int every) {
+  std::vector<PairTracker> trackers;
+  for (int c = 0; c < static_cast<int>(base->cameras.size()); ++c) trackers.emplace_back(base, c, every);
+  return trackers;
+}
+
+int advance(std::vector<PairTracker>& trackers, const ViewPtr& next) {
+  int matches = 0;
+  for (PairTracker& tracker : trackers) matches += tracker.advance(next);
+  return matches;
+}
+
 }  // namespace raysfm

@@ -68,4 +68,9 @@ class PairTracker {
   float median_displacement_ = 0;
 };
 
+// One for each camera of a view, which has its corners.
+std::vector<PairTracker> trackers_from(const ViewPtr& base, int every = 1);
+// Matches in all cameras.
+int advance(std::vector<PairTracker>& trackers, const ViewPtr& next);
+
 }  // namespace raysfm

@@ -121,6 +121,7 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
       local.points.push_back(patches.choose({track, k, f, k == anchor}));
     }
   }
+  local.anchor_points = static_cast<int>(std::ranges::count_if(local.points, &LocalPoint::in_anchor));
   const auto source = [&](const LocalPoint& p) {
     return std::pair(p.keyframe, map.keyframes[p.keyframe].cameras[p.feature]);
   };
@@ -265,48 +266,54 @@ void Localiser::align_some(int coarser, int most, const Map& map, std::span<cons
   }
 }
 
+void Localiser::clear_open() {
+  open_.clear();
+  open_queries_.clear();
+  starts_.clear();
+}
+
+// A query is to be aligned, some octaves above its own.
+void Localiser::open(size_t query, const View& view, int coarser) {
+  open_.push_back(static_cast<int>(query));
+  PatchQuery opened = queries_[query];
+  coarsen(*view.cameras[opened.camera].octaves, coarser, &opened);
+  starts_.push_back(opened.predicted);
+  open_queries_.push_back(opened);
+}
+
+void Localiser::align_open(std::span<const KeyFrameView> views, const View& view, FinerOctaves finer) {
+  matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_, finer);
+  for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
+}
+
 // Sub-pixel places of the queries that were not found before.
-void Localiser::align_open_queries(std::span<const KeyFrameView> views, const View& view,
-                                   std::span<const PointMatch> found, Focus focus) {
+void Localiser::align_queries(std::span<const KeyFrameView> views, const View& view,
+                              std::span<const PointMatch> found) {
   const auto key = [](const TrackPixel& m) { return std::pair(m.track, m.camera); };
   known_.assign(found.begin(), found.end());
   std::ranges::sort(known_, {}, key);
   alignments_.resize(queries_.size());
-  open_.clear();
-  open_queries_.clear();
-  starts_.clear();
+  clear_open();
   for (size_t i = 0; i < queries_.size(); ++i) {
-    const PatchQuery& q = queries_[i];
-    const std::pair wanted(q.track, static_cast<uint8_t>(q.camera));
+    const std::pair wanted(queries_[i].track, static_cast<uint8_t>(queries_[i].camera));
     const auto at = std::ranges::lower_bound(known_, wanted, {}, key);
     if (at != known_.end() && key(*at) == wanted) {
       alignments_[i] = {{at->pixel, 1, true}, at->octave};
-      continue;
+    } else {
+      open(i, view, 0);
     }
-    open_.push_back(static_cast<int>(i));
-    open_queries_.push_back(q);
-    starts_.push_back(q.predicted);
   }
-  matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_);
-  for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
-  if (focus == Focus::kBlurred) align_blurred(views, view);
+  align_open(views, view, FinerOctaves::kTried);
 }
 
 // Of the queries those that were not found, in coarser and coarser octaves.
 void Localiser::align_blurred(std::span<const KeyFrameView> views, const View& view) {
   for (int coarser = 1; coarser <= kMostCoarser; ++coarser) {
-    open_.clear();
-    open_queries_.clear();
-    starts_.clear();
+    clear_open();
     for (size_t i = 0; i < queries_.size(); ++i) {
-      if (alignments_[i].converged) continue;
-      open_.push_back(static_cast<int>(i));
-      open_queries_.push_back(queries_[i]);
-      starts_.push_back(queries_[i].predicted);
-      coarsen(*view.cameras[queries_[i].camera].octaves, coarser, &open_queries_.back());
+      if (!alignments_[i].converged) open(i, view, coarser);
     }
-    matcher_.align(views, open_queries_, starts_, view, kAlignment, &open_alignments_, FinerOctaves::kLeft);
-    for (size_t k = 0; k < open_.size(); ++k) alignments_[open_[k]] = open_alignments_[k];
+    align_open(views, view, FinerOctaves::kLeft);
   }
 }
 
@@ -316,7 +323,8 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
   {
     ScopedTimer timer(align_timing);
     predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
-    align_open_queries(views, view, found, focus);
+    align_queries(views, view, found);
+    if (focus == Focus::kBlurred) align_blurred(views, view);
     aligned_.clear();
     aligned_point_.clear();
     aligned_coarser_.clear();
@@ -347,7 +355,7 @@ bool Localiser::refine_estimate() {
 void Localiser::count(const LocalMap& local, bool aligned, Localisation* out) {
   constexpr uint8_t kVisible = 1, kMatched = 2;
   counted_.assign(local.points.size(), 0);
-  out->anchor_points = static_cast<int>(std::ranges::count_if(local.points, &LocalPoint::in_anchor));
+  out->anchor_points = local.anchor_points;
   for (const PatchQuery& q : queries_) {
     if (counted_[q.point] != 0) continue;
     counted_[q.point] = kVisible;

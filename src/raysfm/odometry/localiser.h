@@ -25,6 +25,7 @@ struct LocalPoint {
 struct LocalMap {
   int anchor = 0;  // the key frame
   std::vector<LocalPoint> points;
+  int anchor_points = 0;  // of them, those that the anchor sees
 };
 
 // The points of the anchor, then those of the `reach` other key frames whose points its cameras would see
@@ -133,8 +134,11 @@ class Localiser {
                          Focus focus = Focus::kSharp);
   bool align(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view,
              std::span<const PointMatch> found, Focus focus);
-  void align_open_queries(std::span<const KeyFrameView> views, const View& view,
-                          std::span<const PointMatch> found, Focus focus);
+  void clear_open();
+  void open(size_t query, const View& view, int coarser);
+  void align_open(std::span<const KeyFrameView> views, const View& view, FinerOctaves finer);
+  void align_queries(std::span<const KeyFrameView> views, const View& view,
+                     std::span<const PointMatch> found);
   void align_blurred(std::span<const KeyFrameView> views, const View& view);
   void count(const LocalMap& local, bool aligned, Localisation* out);
   bool refine_estimate();

@@ -228,7 +228,6 @@ void Odometry::set_anchor(int keyframe) {
       distances.push_back(
           (segment().map.keyframes[keyframe].rig_from_world * segment().map.tracks[p.track].position).norm());
   }
-  anchor_points_ = static_cast<int>(distances.size());
   anchor_distance_ = median_of(&distances);
 }
 
@@ -446,7 +445,7 @@ bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
 }
 
 bool Odometry::needs_keyframe(const Localisation& pose) const {
-  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * anchor_points_);
+  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * local_.anchor_points);
   if (pose.matched_with_anchor < enough) return true;
   const Eigen::Matrix3d position =
       covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();
@@ -559,14 +558,16 @@ void Odometry::settle_until(int end) {
   for (; settled_before_ < end; ++settled_before_) settle(settled_before_);
 }
 
+// A posed view and what the rig did since the one before it.
+Odometry::Previous Odometry::following(const Previous& before, const ViewPtr& view, Localisation pose) {
+  const Rigid3 velocity = pose.rig_from_world * before.pose.rig_from_world.inverse();
+  return {view, std::move(pose), velocity, view->timestamp - before.view->timestamp};
+}
+
 void Odometry::accept(const ViewPtr& view, Localisation pose) {
   record(view->frame, pose, local_.anchor);
-  Previous now{view, std::move(pose), {}, 0};
-  if (previous_) {
-    now.velocity = now.pose.rig_from_world * previous_->pose.rig_from_world.inverse();
-    now.interval = view->timestamp - previous_->view->timestamp;
-  }
-  previous_ = std::move(now);
+  previous_ =
+      previous_ ? following(*previous_, view, std::move(pose)) : Previous{view, std::move(pose), {}, 0};
 }
 
 void Odometry::lose(ViewPtr view, const std::string& reason) {
@@ -594,16 +595,11 @@ void Odometry::begin_turn() {
 bool Odometry::turn_on_the_spot(const ViewPtr& view) {
   const std::optional<TurnedPose> turned = turner_.advance(view, options_.seed);
   if (!turned) return false;
-  const Previous before = *last_seen_;
-  const Rigid3 rig_from_world = turned->rig_from_world;
-  last_seen_ = Previous{view, {}, {}, 0};
-  last_seen_->pose.rig_from_world = rig_from_world;
-  last_seen_->velocity = rig_from_world * before.pose.rig_from_world.inverse();
-  last_seen_->interval = view->timestamp - before.view->timestamp;
   Localisation pose;
-  pose.rig_from_world = rig_from_world;
+  pose.rig_from_world = turned->rig_from_world;
   pose.covariance = turned->covariance;
-  record(view->frame, pose, frames_[before.view->frame].keyframe);
+  record(view->frame, pose, frames_[last_seen_->view->frame].keyframe);
+  last_seen_ = following(*last_seen_, view, std::move(pose));
   frames_[view->frame].place_held = true;
   return true;
 }

@@ -156,6 +156,7 @@ class Odometry {
   void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);
   void track(ViewPtr view);
   static Rigid3 moved_on(const Previous& from, const View& view);
+  static Previous following(const Previous& before, const ViewPtr& view, Localisation pose);
   Localisation localise(ViewPtr* view);
   Localisation search(const View& view);
   Localisation search_blurred(const View& view, Localisation best);
@@ -236,7 +237,6 @@ class Odometry {
   std::optional<Previous> previous_;
   std::optional<Previous> last_seen_;  // what was the newest posed view when track was lost
   LocalMap local_;
-  int anchor_points_ = 0;       // of local_ seen by its key frame
   double anchor_distance_ = 0;  // median distance of these points from it
   int posed_ = 0;
   int settled_before_ = 0;

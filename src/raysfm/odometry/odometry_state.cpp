@@ -22,7 +22,7 @@ void archive_fields(A& a, LocalPoint& x) {
 
 template <typename A>
 void archive_fields(A& a, LocalMap& x) {
-  archive(a, x.anchor, x.points);
+  archive(a, x.anchor, x.points, x.anchor_points);
 }
 
 template <typename A>
@@ -46,8 +46,7 @@ void Odometry::Previous::archive(A& a) {
 template <typename A>
 void Odometry::archive(A& a) {
   raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
-                  turner_, local_, anchor_points_, anchor_distance_, posed_, settled_before_, places_,
-                  closures_);
+                  turner_, local_, anchor_distance_, posed_, settled_before_, places_, closures_);
   raysfm::archive(a, detect_timing_, start_timing_, calibrate_timing_, frame_timing_, localiser_.match_timing,
                   localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,
                   mapper_.adjust_timing);

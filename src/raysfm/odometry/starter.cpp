@@ -36,12 +36,6 @@ constexpr float kStill = 0.3f,
 // An image this much softer than one just before it is no good for a key frame.
 constexpr float kMuchSofter = 1.25f;
 
-std::vector<PairTracker> trackers_from(const ViewPtr& view, int every) {
-  std::vector<PairTracker> trackers;
-  for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) trackers.emplace_back(view, c, every);
-  return trackers;
-}
-
 size_t bytes_of(const View& view) {
   size_t bytes = 0;
   for (const CameraView& camera : view.cameras) {
@@ -101,15 +95,8 @@ void Starter::restart(int first) {
   second_ = -1;
   next_ = first + 1;
   tried_at_ = 0;
-  from_first_ = trackers_from(views_[first].view, 1);
+  from_first_ = trackers_from(views_[first].view);
   from_second_.clear();
-}
-
-// Matches in all cameras.
-int Starter::advance(std::vector<PairTracker>& trackers, const ViewPtr& view) {
-  int matches = 0;
-  for (PairTracker& tracker : trackers) matches += tracker.advance(view);
-  return matches;
 }
 
 std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {

@@ -111,8 +111,6 @@ class Starter {
   void fail(int matches, std::string reason);
   int enough(int wanted) const;
 
-  int advance(std::vector<PairTracker>& trackers, const ViewPtr& view);
-
   const TrackingRig& rig_;
   const OdometryOptions& options_;
   GuidedMatcher matcher_;

@@ -30,16 +30,14 @@ void TurnTracker::end() {
 }
 
 void TurnTracker::follow_from(ViewPtr view, const TurnedPose& pose) {
-  trackers_.clear();
-  for (int c = 0; c < rig_.size(); ++c) trackers_.emplace_back(view, c);
+  trackers_ = trackers_from(view);
   base_ = newest_ = pose;
   newest_view_ = std::move(view);
   most_matches_ = 0;
 }
 
 int TurnTracker::match(const ViewPtr& view) {
-  int matches = 0;
-  for (PairTracker& tracker : trackers_) matches += tracker.advance(view);
+  const int matches = raysfm::advance(trackers_, view);
   most_matches_ = std::max(most_matches_, matches);
   return matches;
 }
