@@ -122,10 +122,26 @@ Result<void> check_fps(double fps) {
   return bad_input(fmt::format("fps: {}; allowed: a number above 0, at most {:g}", fps, kMaxFps));
 }
 
+Result<void> check_range(const TimeRange& range) {
+  constexpr double kMostSeconds = 1e12;
+  for (const auto& [name, seconds] : {std::pair("from", range.from), std::pair("to", range.to)}) {
+    if (seconds >= 0 && seconds <= kMostSeconds) continue;
+    return bad_input(fmt::format("--{} = {}: must be 0 to {:g} seconds", name, seconds, kMostSeconds));
+  }
+  if (range.to <= 0 || range.to > range.from) return {};
+  return bad_input(fmt::format("--to = {}: must be more than --from, {} seconds", range.to, range.from));
+}
+
+Error no_frames_in(const TimeRange& range, const std::string& stream) {
+  const std::string end = range.to > 0 ? fmt::format(" to {:g} seconds", range.to) : " seconds on";
+  return bad_input(fmt::format("{}: no frame from {:g}{}", stream, range.from, end));
+}
+
 Result<Input> open_input(const std::vector<std::string>& inputs, const InputOptions& options) {
   if (inputs.empty())
     return bad_input("no input; allowed: a video, an image folder or pattern, a sequence folder");
   if (auto r = check_fps(options.fps); !r) return r.error();
+  if (auto r = check_range(options.range); !r) return r.error();
   Result<Input> all = open_one(inputs.front(), options);
   if (!all) return all;
   if (inputs.size() > 1) {
@@ -145,6 +161,10 @@ Result<Input> open_input(const std::vector<std::string>& inputs, const InputOpti
     Result<Rig> rig = rig_for_streams(std::move(*all->calibration), all->streams, nullptr, options.mono);
     if (!rig) return bad_input(fmt::format("{}: {}", all->calibration_file->string(), rig.error().message));
     all->calibration = std::move(*rig);
+  }
+  if (options.range.is_all()) return all;
+  for (const auto& stream : all->streams) {
+    if (auto r = stream->cut(options.range); !r) return r.error();
   }
   return all;
 }

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -25,6 +26,16 @@ struct InputFrame {
   std::string defect;
 };
 
+// Part of an input, both ends of it included.
+struct TimeRange {
+  double from = 0;  // seconds, as the timestamps of the frames
+  double to = 0;    // 0: up to the end
+
+  bool is_all() const { return from <= 0 && to <= 0; }
+  bool is_before(double timestamp) const { return timestamp < from; }
+  bool is_behind(double timestamp) const { return to > 0 && timestamp > to; }
+};
+
 // One stream of frames. All frames of a stream without a defect have one size, that of the first such. An
 // object may be handed from thread to thread, but only one may call it at a time.
 class FrameSource {
@@ -42,6 +53,15 @@ class FrameSource {
   // says.
   virtual int frame_count() const = 0;
 
+  // Timestamp of the last frame, seconds, as well as that is known without reading; NaN where it is not.
+  virtual double end_time() const { return std::numeric_limits<double>::quiet_NaN(); }
+
+  // Before the first next(): only the frames of some seconds come, counted from 0. What is before is not
+  // decoded where that can be avoided. Errors: bad input, where there is no such frame.
+  virtual Result<void> cut(const TimeRange&) {
+    return bad_input(description() + ": has no times to begin or end at");
+  }
+
   // From now on a frame may have another size than the first. Streams that cannot have it stay as they are.
   virtual void allow_any_size() {}
 
@@ -58,6 +78,7 @@ struct InputOptions {
   bool mono = false;                // the first camera only of a layout that has several
   bool ignore_calibration = false;  // do not read the camera file that lies beside the images
   int threads = 0;                  // of the decoder of a video; 0: as many as the machine has
+  TimeRange range = {};             // the part that is read
 };
 
 // Everything that the inputs of the command line hold.
@@ -80,6 +101,12 @@ Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSour
 
 // Bad input for what is no number of frames per second; 0 stands for an unknown one.
 Result<void> check_fps(double fps);
+
+// Bad input for ends that are no times, or in the wrong order.
+Result<void> check_range(const TimeRange& range);
+
+// Bad input for a range in which a stream has no frame.
+Error no_frames_in(const TimeRange& range, const std::string& stream);
 
 // Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
 // layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are

@@ -32,6 +32,7 @@ class ImageSource : public FrameSource {
         width_(first.gray.width()),
         height_(first.gray.height()),
         first_index_(first_index),
+        first_name_(files_[first_index].filename().string()),
         first_(std::move(first)) {}
 
   Result<std::optional<InputFrame>> next() override {
@@ -58,7 +59,20 @@ class ImageSource : public FrameSource {
   int width() const override { return width_; }
   int height() const override { return height_; }
   int frame_count() const override { return static_cast<int>(files_.size()); }
+  double end_time() const override { return timestamps_.back(); }
   void allow_any_size() override { any_size_ = true; }
+
+  Result<void> cut(const TimeRange& range) override {
+    const auto begin = std::ranges::lower_bound(timestamps_, range.from);
+    const auto end = range.to > 0 ? std::ranges::upper_bound(timestamps_, range.to) : timestamps_.end();
+    if (begin >= end) return no_frames_in(range, what_);
+    const auto first = begin - timestamps_.begin(), last = end - timestamps_.begin();
+    files_ = {files_.begin() + first, files_.begin() + last};
+    timestamps_ = {begin, end};
+    first_.reset();  // it gave the size
+    return {};
+  }
+
   std::string description() const override {
     return fmt::format("{}: {} images, {}x{}", what_, files_.size(), width_, height_);
   }
@@ -71,8 +85,7 @@ class ImageSource : public FrameSource {
   std::string odd_size(size_t index, const GrayImage& image) const {
     if (any_size_ || (image.width() == width_ && image.height() == height_)) return {};
     return fmt::format("{}: {} x {} pixels; allowed: the {} x {} of the first, {}", files_[index].string(),
-                       image.width(), image.height(), width_, height_,
-                       files_[first_index_].filename().string());
+                       image.width(), image.height(), width_, height_, first_name_);
   }
 
   std::string what_;
@@ -81,6 +94,7 @@ class ImageSource : public FrameSource {
   int width_, height_;
   bool any_size_ = false;
   size_t first_index_;
+  std::string first_name_;
   std::optional<DecodedImage> first_;
   size_t index_ = 0;
 };

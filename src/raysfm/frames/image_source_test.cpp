@@ -202,5 +202,28 @@ TEST(MatchImages, StarsQuestionMarksAndNumbers) {
   EXPECT_EQ(names("c*"), "none");
 }
 
+TEST(ImageSource, APartHasTheImagesOfItsTimes) {
+  const TemporaryFolder folder;
+  std::vector<std::filesystem::path> files;
+  for (int i = 0; i < 10; ++i) {
+    files.push_back(folder.path() / std::to_string(i).append(".png"));
+    cv::imwrite(files[i].string(), cv::Mat(17, 33, CV_8U, cv::Scalar(20 * i)));
+  }
+  const auto open = [&] { return *open_images("images", files, index_timestamps(10, 2)); };
+  const std::unique_ptr<FrameSource> source = open();
+  EXPECT_EQ(source->end_time(), 4.5);
+  ASSERT_TRUE(source->cut({1, 2.5}));
+  EXPECT_EQ(source->frame_count(), 4);
+  for (int i = 0; i < 4; ++i) {
+    const std::optional<InputFrame> frame = *source->next();
+    EXPECT_EQ(frame->index, i);
+    EXPECT_EQ(frame->timestamp, 1 + 0.5 * i);
+    EXPECT_EQ(frame->gray.row(0)[0], 20 * (i + 2));
+  }
+  EXPECT_FALSE(source->next()->has_value());
+  EXPECT_EQ(open()->cut({7, 0}).error().message, "images: no frame from 7 seconds on");
+  EXPECT_EQ(open()->cut({1.1, 1.2}).error().message, "images: no frame from 1.1 to 1.2 seconds");
+}
+
 }  // namespace
 }  // namespace raysfm

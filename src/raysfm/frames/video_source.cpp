@@ -57,20 +57,22 @@ class VideoSource : public FrameSource {
   Result<void> open(const char* device_format);
 
   Result<std::optional<InputFrame>> next() override {
-    if (ahead_.empty()) {
-      if (auto r = decode(); !r) return r.error();
-    }
+    if (auto r = fill(); !r) return r.error();
     std::optional<InputFrame> frame;
     if (!ahead_.empty()) {
       frame = std::move(ahead_.front());
       ahead_.pop_front();
+      number(given_++, &*frame);
     }
     return frame;
   }
 
   int width() const override { return width_; }
   int height() const override { return height_; }
+  double end_time() const override;
+  Result<void> cut(const TimeRange& range) override;
   int frame_count() const override {
+    if (!range_.is_all()) return -1;
     const int64_t count = stream_->nb_frames;
     return count > 0 && count < 1 << 30 ? static_cast<int>(count) : -1;
   }
@@ -81,6 +83,13 @@ class VideoSource : public FrameSource {
   std::string note() const override;
 
  private:
+  static void number(int index, InputFrame* frame) {
+    frame->index = index;
+    frame->name = fmt::format("frame-{:06}", index);
+  }
+  Result<void> fill();
+  Result<void> seek(double seconds);
+  void forget_decoded();
   Result<void> decode();
   Result<void> decode_next();
   Result<void> append_frame();
@@ -108,7 +117,10 @@ class VideoSource : public FrameSource {
   std::set<int64_t> awaited_;     // presentation times of what the decoder got and has not given back
   int width_ = 0, height_ = 0;
   double rate_ = 0;  // frames per second that the container says, or 25
-  int index_ = 0;
+  int index_ = 0;    // of the frame that is decoded next
+  int given_ = 0;    // frames given away
+  bool is_device_ = false;
+  TimeRange range_;
   double last_timestamp_ = -HUGE_VAL;
   bool done_ = false;
   int lost_ = 0;  // frames that did not decode and have no place yet
@@ -120,6 +132,7 @@ class VideoSource : public FrameSource {
 
 Result<void> VideoSource::open(const char* device_format) {
   const AVInputFormat* input_format = nullptr;
+  is_device_ = device_format != nullptr;
   if (device_format) {
     avdevice_register_all();
     input_format = av_find_input_format(device_format);
@@ -150,6 +163,58 @@ Result<void> VideoSource::open(const char* device_format) {
       return bad_input(path_ + ": the video has no frame that can be decoded; allowed: at least one");
     }
   }
+  return {};
+}
+
+// The next frame of the range, if there is one, stands in front of those that are ahead.
+Result<void> VideoSource::fill() {
+  for (;;) {
+    while (!ahead_.empty() && range_.is_before(ahead_.front().timestamp)) ahead_.pop_front();
+    if (!ahead_.empty() || done_) break;
+    if (auto r = decode(); !r) return r;
+  }
+  if (!ahead_.empty() && range_.is_behind(ahead_.front().timestamp)) {
+    done_ = true;
+    ahead_.clear();
+  }
+  return {};
+}
+
+Result<void> VideoSource::cut(const TimeRange& range) {
+  if (is_device_) return FrameSource::cut(range);
+  range_ = range;
+  // Without times in the container every frame must be counted.
+  if (fps_ <= 0) {
+    if (auto r = seek(range.from); !r) return r;
+  }
+  if (auto r = fill(); !r) return r;
+  if (ahead_.empty()) return no_frames_in(range, path_);
+  return {};
+}
+
+void VideoSource::forget_decoded() {
+  avcodec_flush_buffers(codec_.get());
+  ahead_.clear();
+  awaited_.clear();
+  index_ = lost_ = failures_in_a_row_ = 0;
+  last_timestamp_ = -HUGE_VAL;
+  done_ = false;
+}
+
+// Goes on with the frames from a key frame before a time, if the container can tell; else as before.
+Result<void> VideoSource::seek(double seconds) {
+  constexpr double kEarlier = 1;  // seconds: an index may be of the times at which frames are decoded
+  const double first = ahead_.front().timestamp;
+  const auto go_to = [&](double time) {
+    const auto pts = static_cast<int64_t>(time / av_q2d(stream_->time_base));
+    const bool there = av_seek_frame(format_.get(), stream_->index, pts, AVSEEK_FLAG_BACKWARD) >= 0;
+    if (there) forget_decoded();
+    return there;
+  };
+  if (seconds - kEarlier <= first || !go_to(seconds - kEarlier)) return {};
+  if (auto r = decode(); !r) return r;
+  if (!ahead_.empty() && ahead_.front().timestamp <= seconds) return {};
+  if (!go_to(first)) return bad_input(fmt::format("{}: cannot be read from {:g} seconds on", path_, seconds));
   return {};
 }
 
@@ -254,8 +319,6 @@ double VideoSource::timestamp(int64_t pts) {
 
 InputFrame VideoSource::numbered_frame(int64_t pts) {
   InputFrame frame;
-  frame.index = index_;
-  frame.name = fmt::format("frame-{:06}", index_);
   frame.timestamp = last_timestamp_ = timestamp(pts);
   return frame;
 }
@@ -307,14 +370,19 @@ Result<void> VideoSource::append_frame() {
 
 // Whether the container promises more than there was.
 bool VideoSource::cut_short() const {
+  if (!range_.is_all()) return false;
   if (stream_->nb_frames > 0) return stream_->nb_frames > index_ + lost_;
   if (fps_ > 0 || format_->duration_estimation_method != AVFMT_DURATION_FROM_STREAM) return false;
-  if (format_->duration == AV_NOPTS_VALUE) return false;
+  constexpr double kSpare = 3;  // frames, for rounding and sound that lasts longer than the pictures
+  return end_time() - last_timestamp_ > std::max(kSpare / rate_, 0.5);
+}
+
+double VideoSource::end_time() const {
+  if (fps_ > 0) return stream_->nb_frames > 0 ? static_cast<double>(stream_->nb_frames - 1) / fps_ : NAN;
+  if (format_->duration == AV_NOPTS_VALUE) return NAN;
   const double start =
       format_->start_time == AV_NOPTS_VALUE ? 0 : static_cast<double>(format_->start_time) / AV_TIME_BASE;
-  const double end = start + static_cast<double>(format_->duration) / AV_TIME_BASE;
-  constexpr double kSpare = 3;  // frames, for rounding and sound that lasts longer than the pictures
-  return end - last_timestamp_ > std::max(kSpare / rate_, 0.5);
+  return start + static_cast<double>(format_->duration) / AV_TIME_BASE;
 }
 
 std::string VideoSource::note() const {

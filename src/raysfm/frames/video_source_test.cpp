@@ -43,7 +43,7 @@ struct Reading {
   int count = 0;
 };
 
-Reading read_video(const fs::path& path, double fps = 0, int threads = 0) {
+Reading read_video(const fs::path& path, double fps = 0, int threads = 0, const TimeRange& range = {}) {
   Reading reading;
   Result<std::unique_ptr<FrameSource>> source = open_video(path.string(), {.fps = fps, .threads = threads});
   if (!source) {
@@ -51,6 +51,12 @@ Reading read_video(const fs::path& path, double fps = 0, int threads = 0) {
     EXPECT_EQ(source.error().message.find('\n'), std::string::npos);
     reading.error = source.error().message;
     return reading;
+  }
+  if (!range.is_all()) {
+    if (auto r = (*source)->cut(range); !r) {
+      reading.error = r.error().message;
+      return reading;
+    }
   }
   reading.count = (*source)->frame_count();
   for (;;) {
@@ -311,6 +317,47 @@ TEST(VideoSource, RealVideoShowsTheImagesItWasMadeFrom) {
     }
     EXPECT_LT(gray / (640 * 480), 3) << i;
     EXPECT_LT(colour / (1920 * 480), 5) << i;
+  }
+}
+
+// With key frames far apart (MPEG-4) and everywhere (FFV1), with and without an index, by times of the
+// container and by a told rate: what comes is what comes of the whole video at those times.
+TEST(VideoSource, APartIsWhatTheWholeHasThere) {
+  const TemporaryFolder folder;
+  for (const auto& [name, codec] :
+       {std::pair("a.mkv", AV_CODEC_ID_FFV1), std::pair("b.mp4", AV_CODEC_ID_MPEG4),
+        std::pair("c.ts", AV_CODEC_ID_MPEG4)}) {
+    VideoRecipe recipe;
+    recipe.paint = paint_planar;
+    recipe.codec = codec;
+    recipe.frames = 125;
+    const std::string path = (folder.path() / name).string();
+    write_video(path, recipe);
+    for (const double fps : {0.0, 50.0}) {
+      const Reading whole = read_video(path, fps);
+      ASSERT_EQ(whole.frames.size(), 125u);
+      const double first = whole.frames[0].timestamp, step = whole.frames[1].timestamp - first;
+      for (const TimeRange range :
+           {TimeRange{first + 80.5 * step, first + 99.5 * step},
+            TimeRange{first + 2.5 * step, first + 4.5 * step}, TimeRange{first + 110.5 * step, 0}}) {
+        const Reading part = read_video(path, fps, 0, range);
+        ASSERT_FALSE(part.frames.empty()) << name << fps << part.error;
+        EXPECT_EQ(part.note, "");
+        EXPECT_EQ(part.count, -1);
+        size_t k = 0;
+        for (const InputFrame& frame : whole.frames) {
+          if (range.is_before(frame.timestamp) || range.is_behind(frame.timestamp)) continue;
+          ASSERT_LT(k, part.frames.size());
+          const InputFrame& same = part.frames[k];
+          EXPECT_EQ(same.index, static_cast<int>(k++));
+          EXPECT_EQ(same.timestamp, frame.timestamp) << name;
+          for (int y = 0; y < 24; ++y) EXPECT_EQ(std::memcmp(same.gray.row(y), frame.gray.row(y), 32), 0);
+        }
+        EXPECT_EQ(k, part.frames.size()) << name << fps;
+      }
+      EXPECT_NE(read_video(path, fps, 0, {900, 0}).error.find("no frame from 900 seconds on"),
+                std::string::npos);
+    }
   }
 }
 
