@@ -1,5 +1,6 @@
 """`raysfm batch`, on this machine and on clusters of it: batch_test.py PROGRAM [unittest arguments]."""
 import csv
+import json
 import os
 import pathlib
 import shutil
@@ -76,6 +77,54 @@ class BatchTest(ProgramTest):
         for row in table.values():
             self.assertEqual((row["frames"], row["worlds"], row["exit"], row["reason"]), ("40", "1", "0", ""))
             self.assertGreater(int(row["posed"]), 30)
+
+    def test_a_long_video_is_cut_and_joined(self):
+        films = self.file("list.txt", f"'{FILMS / 'a street'}' --features 900 --pieces 2 --overlap 2.5\n")
+        done = self.batch(videos=films)
+        self.assertEqual((done.returncode, done.stderr.count("done")), (0, 3), done.stderr)
+        table = self.table()
+        self.assertEqual(list(table), ["a street.piece-1", "a street.piece-2", "a street"])
+        self.assertEqual([row["frames"] for row in table.values()], ["29", "29", "40"])
+        self.assertEqual((table["a street"]["worlds"], table["a street"]["exit"]), ("1", "0"))
+        whole = self.out / "a street"
+        error = json.loads(run("eval", whole, FILMS / "a street/truth.txt", "--json").stdout)
+        self.assertLess(error["ate"]["rmse"], 0.01 * error["length_m"])
+        self.assertEqual(error["matched"], int(table["a street"]["posed"]))
+        self.assertEqual(run("map", "check", whole / "map.raysfm").returncode, 0)
+        report = json.loads((whole / "report.json").read_text())
+        self.assertEqual(report["input"], json.loads((ALONE / "a street/report.json").read_text())["input"])
+        # Pictures of the whole are found, and those of a piece, which begins in the middle.
+        for result, first in ((whole, 0), (self.out / "a street.piece-2", 11)):
+            done = run("export", result, "--format", "colmap", "--images", FILMS / "a street", "--out", self.folder / "colmap")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            names = sorted(p.name for p in (self.folder / "colmap/images").glob("*.png"))
+            self.assertGreaterEqual(int(names[0][:6]), first)
+        # Nothing is done twice; where a piece is made anew, so is the whole.
+        before = (whole / "trajectory.txt").read_bytes()
+        self.assertIn("has a result already (1 of 1)", self.batch(videos=films).stderr)
+        (self.out / "batch/a street.piece-2.json").unlink()
+        done = self.batch(videos=films)
+        self.assertEqual(done.stderr.count("done"), 2, done.stderr)
+        self.assertEqual((whole / "trajectory.txt").read_bytes(), before)
+
+    def test_parts_do_the_pieces_and_the_summary_joins_them(self):
+        films = self.file("list.txt", f"'{FILMS / 'a street'}' --features 900 --pieces 2 --overlap 2.5\n")
+        for part in ("2/2", "1/2"):
+            self.assertFalse((self.out / "a street").exists())
+            self.assertEqual(self.batch("--part", part, videos=films).returncode, 0)
+        done = self.batch("--summary", videos=films)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.table()["a street"]["frames"], "40")
+
+    def test_what_cannot_be_cut_is_refused(self):
+        for flags, words in (("--pieces 0", ["--pieces = '0'", "1 to"]), ("--pieces", ["--pieces", "missing"]),
+                             ("--pieces 2 --overlap x", ["--overlap = 'x'"]), ("--pieces 2", ["2.6", "overlap", "10 s"]),
+                             ("--pieces 2 --overlap 1 --from 3", ["--from", "--pieces"])):
+            done = self.batch(videos=self.file("list.txt", f"'{FILMS / 'a street'}' {flags}\n"))
+            self.assertEqual(done.returncode, 2)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            for word in ["line 1", *words]:
+                self.assertIn(word, done.stderr)
 
     def list_with_a_long_one(self, count=4000):
         """The list, and a video that takes long."""

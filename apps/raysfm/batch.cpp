@@ -14,6 +14,7 @@
 
 #include "batch_cluster.h"
 #include "batch_list.h"
+#include "batch_pieces.h"
 #include "batch_process.h"
 #include "batch_record.h"
 #include "commands.h"
@@ -74,6 +75,7 @@ class BatchRunner {
 
   Result<void> run(const std::vector<const BatchJob*>& jobs, size_t at_a_time) {
     total_ = jobs.size();
+    done_ = 0;
     size_t next = 0;
     for (;;) {
       while (!stopped() && running_.size() < at_a_time && next < jobs.size()) {
@@ -114,6 +116,7 @@ class BatchRunner {
     arguments.insert(arguments.end(), std::begin(more), std::end(more));
     std::error_code ignored;
     fs::remove(folder_.record(job), ignored);
+    if (!job.whole.empty()) fs::remove(folder_.record({.name = job.whole}), ignored);
     const Result<pid_t> child = ChildProcess::start(arguments, list_.parent_path(), folder_.log(job));
     if (!child) return child.error();
     running_.emplace(*child, Running{&job, *std::move(lock), Clock::now()});
@@ -208,12 +211,27 @@ Result<int> tell_table(const std::vector<BatchJob>& jobs, const BatchFolder& fol
   return table.exit_code;
 }
 
-Result<int> run_jobs(const BatchArguments& arguments, const CommonOptions& common,
-                     const std::vector<BatchJob>& jobs, const BatchFolder& folder, const fs::path& list) {
+// Joins whose pieces are all there.
+std::vector<const BatchJob*> joins_at_hand(const BatchPlan& plan, const BatchFolder& folder) {
+  std::vector<const BatchJob*> at_hand;
+  for (const BatchJob& join : plan.joins) {
+    const bool ready = std::ranges::all_of(plan.jobs, [&](const BatchJob& job) {
+      return job.whole != join.name || is_finished(read_record(folder, job), folder, job);
+    });
+    if (ready) at_hand.push_back(&join);
+  }
+  return at_hand;
+}
+
+// The jobs of a part, and the joins where that is all.
+Result<int> run_jobs(const BatchArguments& arguments, const CommonOptions& common, const BatchPlan& plan,
+                     const BatchFolder& folder, const fs::path& list) {
   const Result<Part> part = parse_part(arguments.part);
   if (!part) return part.error();
   std::vector<BatchJob> own_jobs;
-  for (size_t i = part->first; i < jobs.size(); i += part->step) own_jobs.push_back(jobs[i]);
+  if (!arguments.summary) {
+    for (size_t i = part->first; i < plan.jobs.size(); i += part->step) own_jobs.push_back(plan.jobs[i]);
+  }
   std::vector<const BatchJob*> own;
   for (const BatchJob& job : own_jobs) own.push_back(&job);
   if (auto r = create_folder(folder.records()); !r) return r.error();
@@ -224,12 +242,16 @@ Result<int> run_jobs(const BatchArguments& arguments, const CommonOptions& commo
   ProgressLine progress(common.quiet);
   BatchRunner runner(folder, list, threads, &progress, stop);
   if (auto r = runner.run(own, static_cast<size_t>(at_a_time)); !r) return r.error();
+  if (arguments.part.empty() && !stop.requested()->load()) {
+    const std::vector<const BatchJob*> joins = joins_at_hand(plan, folder);
+    if (auto r = runner.run(joins, static_cast<size_t>(at_a_time)); !r) return r.error();
+  }
   if (stop.requested()->load()) {
     progress.line("interrupted; the same command goes on");
     return stop.exit_code();
   }
   if (!arguments.part.empty()) return batch_table(own_jobs, folder).exit_code;
-  return tell_table(jobs, folder, common);
+  return tell_table(plan.all(), folder, common);
 }
 
 Result<int> run_batch(const BatchArguments& arguments, const CommonOptions& common) {
@@ -240,13 +262,14 @@ Result<int> run_batch(const BatchArguments& arguments, const CommonOptions& comm
   if (!list) return list.error();
   if (!out) return out.error();
   const BatchFolder folder{*out};
+  Result<BatchPlan> plan = plan_batch(*jobs, list->parent_path(), folder);
+  if (!plan) return bad_input(fmt::format("{}: {}", arguments.list, plan.error().message));
   if (!arguments.slurm.empty() || !arguments.dask.empty()) {
     std::error_code failure;
     const fs::path program = fs::read_symlink("/proc/self/exe", failure);
-    return write_scripts(arguments, common, {program, *list, *out, static_cast<int>(jobs->size())});
+    return write_scripts(arguments, common, {program, *list, *out, static_cast<int>(plan->jobs.size())});
   }
-  if (arguments.summary) return tell_table(*jobs, folder, common);
-  return run_jobs(arguments, common, *jobs, folder, *list);
+  return run_jobs(arguments, common, *plan, folder, *list);
 }
 
 }  // namespace
@@ -256,9 +279,10 @@ Command add_batch(CLI::App& program, const CommonOptions& common) {
   CLI::App* command =
       program.add_subcommand("batch", "many videos over the cores of a machine, or of a cluster");
   command->footer(
-      "A line of LIST is [track|solve] INPUT... [FLAGS] [--name NAME]; names are those seen from its folder, "
-      "quoted "
-      "where they hold spaces. Started again, finished videos are left alone.");
+      "A line of LIST is [track|solve] INPUT... [FLAGS] [--name NAME] [--pieces N] [--overlap SECONDS]; "
+      "names are "
+      "those seen from its folder, quoted where they hold spaces. Started again, finished videos are left "
+      "alone.");
   command->add_option("LIST", arguments->list, "file with one line for each video")
       ->required()
       ->check(named());
@@ -271,7 +295,7 @@ Command add_batch(CLI::App& program, const CommonOptions& common) {
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   command->add_option("--part", arguments->part, "only videos K, K + N, ... of the list")->type_name("K/N");
-  command->add_flag("--summary", arguments->summary, "only the table of what there is");
+  command->add_flag("--summary", arguments->summary, "only joins pieces that are finished, and the table");
   command->add_option("--slurm", arguments->slurm, "only write a job array for Slurm's sbatch")
       ->type_name("FILE");
   command->add_option("--dask", arguments->dask, "only write a script for dask.distributed")

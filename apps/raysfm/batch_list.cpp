@@ -35,33 +35,57 @@ Result<void> check_name(const std::string& name) {
                   shown(name), kMaxName));
 }
 
-// Takes the flag and its value out of the words.
-Result<std::string> taken_name(std::vector<std::string>* words) {
-  constexpr std::string_view kFlag = "--name";
-  std::string name;
+// Takes a flag and its value out of the words; the last where there are several, and empty where there is
+// none.
+Result<std::string> taken(const std::string& flag, std::vector<std::string>* words) {
+  std::string value;
   for (auto word = words->begin(); word != words->end();) {
-    if (word->starts_with("--name=")) {
-      name = word->substr(kFlag.size() + 1);
+    if (word->starts_with(flag + "=")) {
+      value = word->substr(flag.size() + 1);
       word = words->erase(word);
-    } else if (*word == kFlag) {
-      if (word + 1 == words->end()) return bad_input("--name: a name is missing behind it");
-      name = *(word + 1);
+    } else if (*word == flag) {
+      if (word + 1 == words->end()) return bad_input(flag + ": a value is missing behind it");
+      value = *(word + 1);
       word = words->erase(word, word + 2);
     } else {
       ++word;
       continue;
     }
-    if (auto r = check_name(name); !r) return r.error();
+    if (value.empty()) return bad_input(flag + ": must not be empty");
   }
-  return name;
+  return value;
+}
+
+Result<void> take_pieces(std::vector<std::string>* words, BatchJob* job) {
+  constexpr int kMostPieces = 10000;
+  constexpr double kMostOverlap = 3600;
+  const Result<std::string> pieces = taken("--pieces", words), overlap = taken("--overlap", words);
+  if (!pieces) return pieces.error();
+  if (!overlap) return overlap.error();
+  if (!pieces->empty()) {
+    const auto count = parse_integer(*pieces);
+    if (!count || *count < 1 || *count > kMostPieces) {
+      return bad_input(fmt::format("--pieces = '{}': must be 1 to {}", shown(*pieces), kMostPieces));
+    }
+    job->pieces = static_cast<int>(*count);
+  }
+  if (overlap->empty()) return {};
+  const auto seconds = parse_number(*overlap);
+  if (!seconds || !(*seconds > 0 && *seconds <= kMostOverlap)) {
+    return bad_input(fmt::format("--overlap = '{}': must be seconds, more than 0 and at most {}",
+                                 shown(*overlap), kMostOverlap));
+  }
+  job->overlap = *seconds;
+  return {};
 }
 
 Result<BatchJob> job_of(std::string_view line) {
   Result<std::vector<std::string>> words = shell_words(line);
   if (!words) return words.error();
   BatchJob job;
-  Result<std::string> name = taken_name(&*words);
+  Result<std::string> name = taken("--name", &*words);
   if (!name) return name.error();
+  if (auto r = take_pieces(&*words, &job); !r) return r.error();
   job.arguments = *std::move(words);
   if (job.arguments.empty() || (job.arguments[0] != "track" && job.arguments[0] != "solve")) {
     job.arguments.insert(job.arguments.begin(), "track");

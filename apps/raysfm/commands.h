@@ -30,6 +30,7 @@ Command add_export(CLI::App& program, const CommonOptions& common);
 Command add_view(CLI::App& program, const CommonOptions& common);
 Command add_camera(CLI::App& program, const CommonOptions& common);
 Command add_batch(CLI::App& program, const CommonOptions& common);
+Command add_join(CLI::App& program, const CommonOptions& common);
 Command add_map(CLI::App& program, const CommonOptions& common);
 
 // A subcommand of `camera`, which is given in place of the program.

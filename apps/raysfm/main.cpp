@@ -97,8 +97,8 @@ int run(int argc, char** argv) {
       {"solve", add_solve(program, common)},   {"eval", add_eval(program, common)},
       {"synth", add_synth(program, common)},   {"camera", add_camera(program, common)},
       {"export", add_export(program, common)}, {"view", add_view(program, common)},
-      {"map", add_map(program, common)},       {"batch", add_batch(program, common)},
-      {"options", add_options(program)},
+      {"map", add_map(program, common)},       {"join", add_join(program, common)},
+      {"batch", add_batch(program, common)},   {"options", add_options(program)},
   };
 
   try {

@@ -7,9 +7,9 @@
 #include <span>
 
 #include "commands.h"
-#include "raysfm/api/merge_maps.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/files/text_file.h"
+#include "raysfm/merging/merge_maps.h"
 #include "raysfm/saved_map/saved_map.h"
 #include "terminal.h"
 

@@ -230,7 +230,8 @@ class PyTracker {
   std::vector<SettingField> tracker_fields() {
     std::vector<SettingField> fields = setting_fields(settings_);
     std::erase_if(fields, [](const SettingField& field) {
-      for (const char* name : {"camera", "fov", "fps", "mono", "map", "save-map", "localise", "final"}) {
+      for (const char* name :
+           {"camera", "fov", "fps", "from", "to", "mono", "map", "save-map", "localise", "final"}) {
         if (field.name == name) return true;
       }
       return false;

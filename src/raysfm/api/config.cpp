@@ -125,6 +125,8 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
        &s.fov,
        {}},
       {"fps", "frames per second of images without timestamps", &s.fps, {}},
+      {"from", "seconds of the input at which to begin", &s.range.from, {}},
+      {"to", "seconds of the input at which to end; 0 for all of it", &s.range.to, {}},
       {"mono", "use only the first camera of a stereo layout", &s.mono, {}},
       {"seed", "seed of every random choice", &o.seed, {}},
       {"threads", "worker threads; 0 for as many as the machine has", &s.threads, {}},

@@ -97,7 +97,8 @@ Result<Input> open_inputs(const TrackSettings& settings) {
   return open_input(settings.inputs, {.fps = settings.fps,
                                       .mono = settings.mono,
                                       .ignore_calibration = !settings.camera.empty(),
-                                      .threads = settings.threads});
+                                      .threads = settings.threads,
+                                      .range = settings.range});
 }
 
 // Cameras that no file tells: the input is read for them, and opened again.
@@ -401,6 +402,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
+  out.reconstruction.range = settings.range;
   if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, *sources, stream.finish());
   out.report.interrupted = *stopped;

@@ -21,6 +21,7 @@ struct TrackSettings {
   std::string camera;                // path; empty: taken from the input's layout
   double fov = 0;                    // degrees, horizontal, where no camera file is; 0: not told
   double fps = 0;                    // frames per second of inputs without timestamps; 0: unknown
+  TimeRange range;                   // the part of the input that is read
   bool mono = false;                 // only the first camera of a rig
   int threads = 0;                   // 0: as many as the machine has; never changes a result
   std::string error = "auto";        // "auto", "pixel", "angular" or "angular-plain"; sets odometry.error

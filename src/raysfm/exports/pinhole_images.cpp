@@ -216,7 +216,7 @@ Result<void> write_images(const ImageInput& input, const Reconstruction& world, 
   ExportScene placed = scene;
   ImageWriter writer(placed, pinholes, folder);
   if (world.origin == Origin::kAdjust) return write_files(input, world, placed, &writer);
-  Result<Input> opened = open_input(input.paths, {.threads = input.threads});
+  Result<Input> opened = open_input(input.paths, {.threads = input.threads, .range = world.range});
   if (!opened) return opened.error();
   for (const auto& stream : opened->streams) stream->allow_any_size();
   if (auto found = find_streams(input, *opened, &placed); !found) return found;

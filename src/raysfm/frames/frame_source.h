@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +9,7 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/core/result.h"
+#include "raysfm/core/time_range.h"
 #include "raysfm/image/color_planes.h"
 #include "raysfm/image/image.h"
 
@@ -24,16 +24,6 @@ struct InputFrame {
   ColorPlanes colors;
   // Why there is no image, or none of the size of the stream: one line that names the file. Empty: there is.
   std::string defect;
-};
-
-// Part of an input, both ends of it included.
-struct TimeRange {
-  double from = 0;  // seconds, as the timestamps of the frames
-  double to = 0;    // 0: up to the end
-
-  bool is_all() const { return from <= 0 && to <= 0; }
-  bool is_before(double timestamp) const { return timestamp < from; }
-  bool is_behind(double timestamp) const { return to > 0 && timestamp > to; }
 };
 
 // One stream of frames. All frames of a stream without a defect have one size, that of the first such. An
@@ -53,8 +43,9 @@ class FrameSource {
   // says.
   virtual int frame_count() const = 0;
 
-  // Timestamp of the last frame, seconds, as well as that is known without reading; NaN where it is not.
-  virtual double end_time() const { return std::numeric_limits<double>::quiet_NaN(); }
+  // Timestamps of the first and, as well as that is known without reading, of the last frame; 0 where it is
+  // not.
+  virtual TimeRange span() const { return {}; }
 
   // Before the first next(): only the frames of some seconds come, counted from 0. What is before is not
   // decoded where that can be avoided. Errors: bad input, where there is no such frame.
@@ -101,12 +92,6 @@ Result<Rig> rig_for_streams(Rig rig, const std::vector<std::unique_ptr<FrameSour
 
 // Bad input for what is no number of frames per second; 0 stands for an unknown one.
 Result<void> check_fps(double fps);
-
-// Bad input for ends that are no times, or in the wrong order.
-Result<void> check_range(const TimeRange& range);
-
-// Bad input for a range in which a stream has no frame.
-Error no_frames_in(const TimeRange& range, const std::string& stream);
 
 // Opens a video file, an image folder or pattern (*, ?, or printf's %04d), a sequence folder in the project's
 // layout, a KITTI odometry, EuRoC or TUM RGB-D folder, or a video device (/dev/videoN). Several inputs are

@@ -59,7 +59,7 @@ class ImageSource : public FrameSource {
   int width() const override { return width_; }
   int height() const override { return height_; }
   int frame_count() const override { return static_cast<int>(files_.size()); }
-  double end_time() const override { return timestamps_.back(); }
+  TimeRange span() const override { return {timestamps_.front(), timestamps_.back()}; }
   void allow_any_size() override { any_size_ = true; }
 
   Result<void> cut(const TimeRange& range) override {

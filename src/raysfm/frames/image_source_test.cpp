@@ -211,7 +211,8 @@ TEST(ImageSource, APartHasTheImagesOfItsTimes) {
   }
   const auto open = [&] { return *open_images("images", files, index_timestamps(10, 2)); };
   const std::unique_ptr<FrameSource> source = open();
-  EXPECT_EQ(source->end_time(), 4.5);
+  EXPECT_EQ(source->span().from, 0);
+  EXPECT_EQ(source->span().to, 4.5);
   ASSERT_TRUE(source->cut({1, 2.5}));
   EXPECT_EQ(source->frame_count(), 4);
   for (int i = 0; i < 4; ++i) {

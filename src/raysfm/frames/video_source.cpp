@@ -69,7 +69,10 @@ class VideoSource : public FrameSource {
 
   int width() const override { return width_; }
   int height() const override { return height_; }
-  double end_time() const override;
+  TimeRange span() const override {
+    const double end = end_time();
+    return {ahead_.empty() ? 0 : ahead_.front().timestamp, std::isfinite(end) ? end : 0};
+  }
   Result<void> cut(const TimeRange& range) override;
   int frame_count() const override {
     if (!range_.is_all()) return -1;
@@ -90,6 +93,7 @@ class VideoSource : public FrameSource {
   Result<void> fill();
   Result<void> seek(double seconds);
   void forget_decoded();
+  double end_time() const;
   Result<void> decode();
   Result<void> decode_next();
   Result<void> append_frame();
@@ -377,6 +381,7 @@ bool VideoSource::cut_short() const {
   return end_time() - last_timestamp_ > std::max(kSpare / rate_, 0.5);
 }
 
+// NaN where it is not known.
 double VideoSource::end_time() const {
   if (fps_ > 0) return stream_->nb_frames > 0 ? static_cast<double>(stream_->nb_frames - 1) / fps_ : NAN;
   if (format_->duration == AV_NOPTS_VALUE) return NAN;

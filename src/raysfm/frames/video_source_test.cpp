@@ -355,6 +355,11 @@ TEST(VideoSource, APartIsWhatTheWholeHasThere) {
         }
         EXPECT_EQ(k, part.frames.size()) << name << fps;
       }
+      const TimeRange span = (*open_video(path, {.fps = fps}))->span();
+      EXPECT_EQ(span.from, first);
+      const bool is_counted =
+          fps == 0 || name == std::string("b.mp4");  // other containers do not count frames
+      EXPECT_NEAR(span.to, is_counted ? whole.frames.back().timestamp : 0, 2 * step) << name << fps;
       EXPECT_NE(read_video(path, fps, 0, {900, 0}).error.find("no frame from 900 seconds on"),
                 std::string::npos);
     }

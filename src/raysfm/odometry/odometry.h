@@ -213,10 +213,8 @@ class Odometry {
   void adjust_finally(int segment);
   void release_views();
   Reconstruction assemble(std::vector<Map> maps) const;
-  double assemble_map(int number, Map map, Reconstruction* out) const;
   Segment summary_of(int number, double scale_sigma) const;
   std::vector<int> numbers_of_segments() const;
-  static bool is_seen(const Map& map, const Track& track);
 
   OdometryOptions options_;
   TrackingRig rig_;

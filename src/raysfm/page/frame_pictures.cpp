@@ -39,8 +39,8 @@ Image<uint8_t> smaller(const InputFrame& frame) {
 
 }  // namespace
 
-FramePictures::FramePictures(std::vector<std::string> inputs, bool mono)
-    : inputs_(std::move(inputs)), mono_(mono) {}
+FramePictures::FramePictures(std::vector<std::string> inputs, bool mono, const TimeRange& range)
+    : inputs_(std::move(inputs)), mono_(mono), range_(range) {}
 
 Result<void> FramePictures::open() {
   reader_.reset();
@@ -48,7 +48,8 @@ Result<void> FramePictures::open() {
   for (const std::string& input : inputs_) {
     if (input.starts_with("/dev/")) return bad_input(fmt::format("{}: a device cannot be read again", input));
   }
-  Result<Input> opened = open_input(inputs_, {.mono = mono_, .ignore_calibration = true, .threads = 1});
+  Result<Input> opened =
+      open_input(inputs_, {.mono = mono_, .ignore_calibration = true, .threads = 1, .range = range_});
   if (!opened) return opened.error();
   input_ = *std::move(opened);
   if (mono_) input_.streams.resize(1);

@@ -19,8 +19,8 @@ namespace raysfm {
 // of them are. Any thread may ask.
 class FramePictures {
  public:
-  // `inputs` as `track` or `solve` was given them; `mono`: the first camera of a layout alone.
-  FramePictures(std::vector<std::string> inputs, bool mono);
+  // `inputs` and `range` as `track` or `solve` was given them; `mono`: the first camera of a layout alone.
+  FramePictures(std::vector<std::string> inputs, bool mono, const TimeRange& range = {});
 
   // Opens the input. Errors: bad input, where it cannot be read any more.
   Result<void> open();
@@ -40,6 +40,7 @@ class FramePictures {
 
   std::vector<std::string> inputs_;
   bool mono_ = false;
+  TimeRange range_;
   int streams_ = 0;
 
   std::mutex reading_;  // what follows, and is held while a frame is read

@@ -39,6 +39,9 @@ void read_report(const Json& report, Reconstruction* r) {
   r->metric_scale = report.at("scale") == "metric";
   r->scale_sigma = number_or_none(report.at("scale_sigma"));
   r->rms_reprojection_px = report.at("rms_reprojection_px");
+  if (report.contains("range_s")) {
+    r->range = {report["range_s"].at(0), number_or_none(report["range_s"].at(1)).value_or(0)};
+  }
   r->segments.clear();
   for (const Json& s : report.at("segments")) {
     r->segments.push_back({s.at("first"), s.at("last"), s.at("reason"), s.at("scale") == "metric",
@@ -252,6 +255,17 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   } catch (const Json::exception& e) {
     return bad_input(fmt::format("{}: not the report of a run: {}", path.string(), e.what()));
   }
+}
+
+std::vector<std::string> read_inputs(const fs::path& folder) {
+  const Result<std::string> text = read_text_file(folder / "report.json", kMaxReportBytes);
+  const Json report = Json::parse(text ? *text : "{}", nullptr, false);
+  std::vector<std::string> inputs;
+  if (!report.is_object() || !report.contains("input")) return inputs;
+  for (const Json& input : report["input"]) {
+    if (input.is_string()) inputs.push_back(input);
+  }
+  return inputs;
 }
 
 }  // namespace raysfm

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "raysfm/core/result.h"
 #include "raysfm/scene/reconstruction.h"
@@ -16,5 +18,8 @@ namespace raysfm {
 //
 // Errors: bad input, naming the file.
 Result<Reconstruction> read_reconstruction(const std::filesystem::path& folder);
+
+// What a result was made of, as it was given then; none where its report does not tell.
+std::vector<std::string> read_inputs(const std::filesystem::path& folder);
 
 }  // namespace raysfm

@@ -213,6 +213,8 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   json["command"] = command_of(reconstruction.origin);
   json["seed"] = report.seed;
   json["input"] = report.input;
+  const TimeRange& range = reconstruction.range;
+  if (!range.is_all()) json["range_s"] = {range.from, range.to > 0 ? Json(range.to) : Json()};
   json["interrupted"] = report.interrupted;
   if (report.lens) write_lens(*report.lens, &json);
   if (report.lens_origin) write_lens_origin(*report.lens_origin, &json);

@@ -49,8 +49,8 @@ Result<SavedMap> read_saved_map(const std::filesystem::path& path);
 // run takes back what another has added.
 class SavedMapWriter {
  public:
-  // The file need not be there. Errors: bad input, where another run holds it or its folder cannot be
-  // written.
+  // Neither the file nor its folder need be there. Errors: bad input, where another run holds it or its
+  // folder cannot be written.
   static Result<SavedMapWriter> open(const std::filesystem::path& path);
 
   // Replaces the file as a whole: whatever ends the program, it is the old one or the new one. Errors:

@@ -149,6 +149,9 @@ Result<void> write_database(const SavedMap& map, const std::filesystem::path& fi
 }  // namespace
 
 Result<SavedMapWriter> SavedMapWriter::open(const std::filesystem::path& path) {
+  if (path.has_parent_path()) {
+    if (auto r = create_folder(path.parent_path()); !r) return r.error();
+  }
   Result<FileLock> lock = FileLock::take(path);
   if (!lock) return lock.error();
   return SavedMapWriter(path, *std::move(lock));

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "raysfm/camera/camera.h"
+#include "raysfm/core/time_range.h"
 #include "raysfm/geometry/pose.h"
 #include "raysfm/scene/frame_lens.h"
 
@@ -104,7 +105,8 @@ struct Reconstruction {
   std::vector<FrameLens> lenses;               // where they are not the rig's; a fixed lens is one entry
   bool metric_scale = false;                   // of the segment with most posed frames
   std::optional<double> scale_sigma = std::nullopt;  // likewise
-  std::vector<PosedFrame> frames;                    // one per frame of the input, in time order
+  TimeRange range;                                   // the part of the input that was asked for
+  std::vector<PosedFrame> frames;                    // one per frame of that part, in time order
   std::vector<KeyFrame> keyframes;
   std::vector<Observation> observations;
   std::vector<MapPoint> points;

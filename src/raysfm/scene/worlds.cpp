@@ -57,6 +57,7 @@ Reconstruction world_of(const Reconstruction& reconstruction, int segment) {
   Reconstruction world;
   world.origin = reconstruction.origin;
   world.rig = reconstruction.rig;
+  world.range = reconstruction.range;
   world.lenses = reconstruction.lenses;
   world.rms_reprojection_px = reconstruction.rms_reprojection_px;
   world.segments.push_back(reconstruction.segments[segment]);

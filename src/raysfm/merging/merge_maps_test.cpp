@@ -1,4 +1,4 @@
-#include "raysfm/api/merge_maps.h"
+#include "raysfm/merging/merge_maps.h"
 
 #include <gtest/gtest.h>
 

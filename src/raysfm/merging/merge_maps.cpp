@@ -1,12 +1,16 @@
-#include "raysfm/api/merge_maps.h"
+#include "raysfm/merging/merge_maps.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <map>
+#include <optional>
 #include <utility>
 
+#include "raysfm/geometry/similarity.h"
+#include "raysfm/merging/known_view.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/places/place_memory.h"
 
@@ -16,6 +20,8 @@ namespace {
 // By how much cameras may differ to be the same, refined on other footage: rays by a part of the image's
 // width, places in the rig by a part of its extent.
 constexpr double kMostRayChange = 0.01, kMostPlaceChange = 0.05;
+// Key frames of a world about the time of a known view, and views by which worlds that were joined are tied.
+constexpr size_t kNearInTime = 4, kTies = 8;
 constexpr int kGrid = 16;  // pixels compared along each side of the image
 
 // The largest change of a ray's direction in the rig, pixels; infinite where one camera has no ray where the
@@ -91,27 +97,34 @@ class WorldMerger {
   WorldMerger(const TrackingRig& rig, const OdometryOptions& options)
       : rig_(rig), mapper_(rig, options), places_(rig, options.seed) {}
 
-  // The worlds of one map. Those with another calibration are adjusted to the present one.
-  void add(SavedMap map) {
+  // The worlds of one map, and what is known of them and of those before. Those with another calibration are
+  // adjusted to the present one.
+  void add(SavedMap map, std::span<const KnownView> known) {
     const bool other_rays = !same_calibration(map.rig, rig_.rig());
     const int first = static_cast<int>(worlds_.size());
+    first_of_map_.push_back(first);
     for (SavedWorld& saved : map.worlds) {
       worlds_.push_back({std::move(saved.map)});
+      worlds_.back().first_source = static_cast<int>(sources_.size());
       Map& world = worlds_.back().map;
       for (MapKeyFrame& k : world.keyframes) {
         renew_rays(rig_, &k);
         k.frame = static_cast<int>(sources_.size());
         sources_.push_back(std::move(saved.sources[&k - world.keyframes.data()]));
+        map_of_.push_back(maps_added_);
       }
       if (other_rays && !world.keyframes.empty()) mapper_.adapt_to_cameras(0, true, &world);
     }
+    ++maps_added_;
     first_place_ = places_.size();
     for (int w = first; w < static_cast<int>(worlds_.size()); ++w) look_about(w);
+    join_known(known);
   }
 
-  // All worlds, as maps to be written, and where each one is.
-  SavedMap finish(std::vector<MergedWorld>* fates) {
-    SavedMap out{rig_.rig(), {}};
+  // All worlds, as maps to be written, and where each one is; `worlds` of `merged` are those that were added.
+  void finish(MergedMaps* merged) {
+    SavedMap& out = merged->map;
+    out.rig = rig_.rig();
     std::vector<int> number(worlds_.size(), -1);
     for (size_t w = 0; w < worlds_.size(); ++w) {
       World& world = worlds_[w];
@@ -122,22 +135,25 @@ class WorldMerger {
       }
       number[w] = static_cast<int>(out.worlds.size());
       SavedWorld& saved = out.worlds.emplace_back();
+      std::vector<int>& map_of_keyframe = merged->map_of_keyframe.emplace_back();
       saved.map = std::move(world.map);
       for (MapKeyFrame& k : saved.map.keyframes) {
         saved.sources.push_back(std::move(sources_[k.frame]));
+        map_of_keyframe.push_back(map_of_[k.frame]);
         k.frame = static_cast<int>(saved.sources.size()) - 1;
       }
     }
     for (size_t w = 0; w < worlds_.size(); ++w) {
-      (*fates)[w].into = number[now(static_cast<int>(w))];
-      (*fates)[w].points = worlds_[w].points;
+      merged->worlds[w].into = number[now(static_cast<int>(w))];
+      merged->worlds[w].points = worlds_[w].points;
     }
-    return out;
   }
 
  private:
   struct World {
     Map map;
+    Similarity3 now_from_added = {};  // of what it is part of now
+    int first_source = 0;             // of its key frames as they were added
     int joined_into = -1;
     int points = 0;        // by which it was recognised
     bool changed = false;  // brought together with another, or within itself
@@ -192,6 +208,14 @@ class WorldMerger {
   void join(const Meeting& meeting) {
     const JoinedWorlds joined = join_worlds(meeting, maps());
     places_.renumber(joined);
+    const Similarity3 rescaled{joined.first_rescaled, Eigen::Quaterniond::Identity(),
+                               Eigen::Vector3d::Zero()};
+    for (size_t w = 0; w < worlds_.size(); ++w) {
+      if (now(static_cast<int>(w)) != joined.first && now(static_cast<int>(w)) != joined.second) continue;
+      const bool is_of_first = now(static_cast<int>(w)) == joined.first;
+      worlds_[w].now_from_added =
+          (is_of_first ? rescaled : joined.first_from_second) * worlds_[w].now_from_added;
+    }
     World& into = worlds_[joined.first];
     fuse_points(joined.points, &into.map);
     mapper_.adapt_to_cameras(0, false, &into.map);
@@ -200,17 +224,81 @@ class WorldMerger {
     worlds_[joined.second].points = static_cast<int>(joined.points.size());
   }
 
+  int world_of(int map, int world) const { return first_of_map_[map] + world; }
+
+  // Where the key frame is now that was added with a world.
+  PlaceRef place_of(int added_world, int keyframe) const {
+    const int world = now(added_world);
+    const int frame = worlds_[added_world].first_source + keyframe;
+    const std::vector<MapKeyFrame>& keyframes = worlds_[world].map.keyframes;
+    const auto k = std::ranges::lower_bound(keyframes, frame, {}, &MapKeyFrame::frame);
+    return {world, static_cast<int>(k - keyframes.begin())};
+  }
+
+  // Key frames that were added with a world, those that are nearest to a time.
+  std::vector<int> nearest_in_time(int added_world, double timestamp) const {
+    const size_t first = worlds_[added_world].first_source;
+    const size_t next = static_cast<size_t>(added_world) + 1;
+    const size_t end = next < worlds_.size() ? worlds_[next].first_source : sources_.size();
+    std::vector<int> near;
+    for (size_t s = first; s < end; ++s) near.push_back(static_cast<int>(s - first));
+    std::ranges::sort(near, {}, [&](int k) { return std::abs(sources_[first + k].timestamp - timestamp); });
+    near.resize(std::min(near.size(), kNearInTime));
+    for (int& k : near) k = place_of(added_world, k).keyframe;
+    return near;
+  }
+
+  std::optional<Meeting> meeting_of(const KnownView& view) const {
+    const int here = world_of(view.map, view.world), there = world_of(view.other_map, view.other_world);
+    const PlaceRef place = place_of(here, view.keyframe);
+    const double timestamp = sources_[worlds_[here].first_source + view.keyframe].timestamp;
+    return meet_known(rig_, worlds_[place.world].map, place, worlds_[now(there)].map, now(there),
+                      carried_over(view.rig_from_other, worlds_[there].now_from_added),
+                      nearest_in_time(there, timestamp));
+  }
+
+  // Worlds are joined by the view that shows most points of both, and tied by some more.
+  void join_known(std::span<const KnownView> known) {
+    std::map<std::pair<int, int>, std::vector<const KnownView*>>
+        views_of;  // by worlds, the earlier one first
+    for (const KnownView& view : known) {
+      if (std::max(view.map, view.other_map) + 1 != maps_added_) continue;
+      const std::pair worlds(world_of(view.map, view.world), world_of(view.other_map, view.other_world));
+      views_of[std::minmax(worlds.first, worlds.second)].push_back(&view);
+    }
+    for (const auto& [worlds, views] : views_of) {
+      if (now(worlds.first) != now(worlds.second)) {
+        std::optional<Meeting> best;
+        for (const KnownView* view : views) {
+          std::optional<Meeting> meeting = meeting_of(*view);
+          const bool better =
+              meeting && (!best || meeting->relation.points.size() > best->relation.points.size());
+          if (better) best = std::move(meeting);
+        }
+        if (!best) continue;
+        join(*best);
+      }
+      const size_t step = std::max<size_t>(1, views.size() / kTies);
+      for (size_t v = 0; v < views.size(); v += step) {
+        if (const std::optional<Meeting> tie = meeting_of(*views[v])) bring_together(*tie);
+      }
+    }
+  }
+
   const TrackingRig& rig_;
   Mapper mapper_;
   PlaceMemory places_;
   std::deque<World> worlds_;             // of all maps
+  std::vector<int> first_of_map_;        // of the worlds that were added with a map
   std::vector<KeyFrameSource> sources_;  // by `frame` of the key frames
-  int first_place_ = 0;                  // of the newest map
+  std::vector<int> map_of_;              // likewise, the map that each was added with
+  int maps_added_ = 0;
+  int first_place_ = 0;  // of the newest map
 };
 
 }  // namespace
 
-Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed) {
+Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::span<const KnownView> known) {
   const TrackingRig rig(maps[0].map.rig);
   for (const NamedMap& other : maps) {
     if (auto r = check_same_cameras(rig, other, maps[0].name); !r) return r.error();
@@ -223,9 +311,9 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed) {
     for (size_t w = 0; w < maps[m].map.worlds.size(); ++w) {
       out.worlds.push_back({static_cast<int>(m), static_cast<int>(w)});
     }
-    merger.add(std::move(maps[m].map));
+    merger.add(std::move(maps[m].map), known);
   }
-  out.map = merger.finish(&out.worlds);
+  merger.finish(&out);
   return out;
 }
 
