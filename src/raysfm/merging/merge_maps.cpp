@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "raysfm/calibration/calibration_refiner.h"
 #include "raysfm/geometry/similarity.h"
 #include "raysfm/merging/known_view.h"
 #include "raysfm/odometry/mapper.h"
@@ -20,6 +21,9 @@ namespace {
 // By how much cameras may differ to be the same, refined on other footage: rays by a part of the image's
 // width, places in the rig by a part of its extent.
 constexpr double kMostRayChange = 0.01, kMostPlaceChange = 0.05;
+// The same of pieces of one video, each refined on the little that it saw.
+constexpr double kMostRayChangeOfPieces = 0.05;
+constexpr int kMostRounds = 3;  // of a change of the calibration, each from where the one before led
 // Key frames of a world about the time of a known view, and views by which worlds that were joined are tied.
 constexpr size_t kNearInTime = 4, kTies = 8;
 constexpr int kGrid = 16;  // pixels compared along each side of the image
@@ -53,7 +57,8 @@ double extent(const Rig& rig) {
   return most;
 }
 
-Result<void> check_same_cameras(const TrackingRig& rig, const NamedMap& other, const std::string& first) {
+Result<void> check_same_cameras(const TrackingRig& rig, const NamedMap& other, const std::string& first,
+                                double most_ray_change) {
   const std::vector<Camera>& cameras = rig.cameras();
   const std::vector<Camera>& others = other.map.rig.cameras;
   if (others.size() != cameras.size()) {
@@ -67,11 +72,11 @@ Result<void> check_same_cameras(const TrackingRig& rig, const NamedMap& other, c
                                    other.name, c, b.width, b.height, first, a.width, a.height));
     }
     const double change = ray_change(a, b, rig.pixels_per_radian(static_cast<int>(c)));
-    if (!(change <= kMostRayChange * a.width)) {
+    if (!(change <= most_ray_change * a.width)) {
       return bad_input(
           fmt::format("{}: camera {} is another one, rays up to {:.1f} pixels off; allowed: that "
                       "of {}, up to {:.1f}",
-                      other.name, c, change, first, kMostRayChange * a.width));
+                      other.name, c, change, first, most_ray_change * a.width));
     }
     const double shift = (a.rig_from_cam.translation - b.rig_from_cam.translation).norm();
     const double allowed = kMostPlaceChange * extent(rig.rig());
@@ -91,11 +96,27 @@ bool same_calibration(const Rig& a, const Rig& b) {
   });
 }
 
+// The map whose cameras are most like those of all others.
+size_t most_typical(const std::vector<NamedMap>& maps) {
+  size_t best = 0;
+  double least = HUGE_VAL;
+  for (size_t m = 0; m < maps.size(); ++m) {
+    double sum = 0;
+    for (const NamedMap& other : maps) {
+      const std::vector<Camera>&a = maps[m].map.rig.cameras, &b = other.map.rig.cameras;
+      if (a.size() != b.size()) sum = HUGE_VAL;
+      for (size_t c = 0; c < std::min(a.size(), b.size()); ++c) sum += ray_change(a[c], b[c], 1);
+    }
+    if (sum < least) best = m, least = sum;
+  }
+  return best;
+}
+
 // Joins worlds as they come: each key frame that is a place is looked for among those of other maps.
 class WorldMerger {
  public:
-  WorldMerger(const TrackingRig& rig, const OdometryOptions& options)
-      : rig_(rig), mapper_(rig, options), places_(rig, options.seed) {}
+  WorldMerger(const Rig& rig, const OdometryOptions& options)
+      : rig_(rig), mapper_(rig_, options), places_(rig_, options.seed) {}
 
   // The worlds of one map, and what is known of them and of those before. Those with another calibration are
   // adjusted to the present one.
@@ -119,6 +140,31 @@ class WorldMerger {
     first_place_ = places_.size();
     for (int w = first; w < static_cast<int>(worlds_.size()); ++w) look_about(w);
     join_known(known);
+  }
+
+  // The cameras, by what the longest world says of them.
+  std::vector<CalibrationNumber> refine_cameras() {
+    const auto length = [](const World& w) { return w.map.keyframes.size(); };
+    const auto longest = std::ranges::max_element(worlds_, {}, length);
+    const auto standing = [](int) { return Velocity(Velocity::Zero()); };  // nothing is asked of the shutter
+    CalibrationRefiner refiner(rig_.rig(), LensRefinement::kAuto);
+    for (int round = 0; round < kMostRounds; ++round) {
+      if (round == 0) {
+        mapper_.adapt_to_cameras(0, true, &longest->map);
+        refiner.measure_all(rig_, 0, longest->map, standing);
+      } else {
+        refiner.measure_again(rig_, 0, longest->map, standing);
+      }
+      const std::optional<Rig> better = refiner.better();
+      if (!better) break;
+      rig_ = TrackingRig(*better);
+      for (World& world : worlds_) {
+        world.changed = !world.map.keyframes.empty();
+        if (world.changed) mapper_.adapt_to_cameras(0, true, &world.map);
+      }
+      if (!refiner.take_over()) break;
+    }
+    return refiner.numbers();
   }
 
   // All worlds, as maps to be written, and where each one is; `worlds` of `merged` are those that were added.
@@ -285,7 +331,7 @@ class WorldMerger {
     }
   }
 
-  const TrackingRig& rig_;
+  TrackingRig rig_;
   Mapper mapper_;
   PlaceMemory places_;
   std::deque<World> worlds_;             // of all maps
@@ -299,13 +345,16 @@ class WorldMerger {
 }  // namespace
 
 Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::span<const KnownView> known) {
-  const TrackingRig rig(maps[0].map.rig);
+  const bool is_one_video = !known.empty();
+  const size_t reference = is_one_video ? most_typical(maps) : 0;
+  const TrackingRig rig(maps[reference].map.rig);
   for (const NamedMap& other : maps) {
-    if (auto r = check_same_cameras(rig, other, maps[0].name); !r) return r.error();
+    const double most = is_one_video ? kMostRayChangeOfPieces : kMostRayChange;
+    if (auto r = check_same_cameras(rig, other, maps[reference].name, most); !r) return r.error();
   }
   OdometryOptions options;
   options.seed = seed;
-  WorldMerger merger(rig, options);
+  WorldMerger merger(rig.rig(), options);
   MergedMaps out;
   for (size_t m = 0; m < maps.size(); ++m) {
     for (size_t w = 0; w < maps[m].map.worlds.size(); ++w) {
@@ -313,6 +362,7 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
     }
     merger.add(std::move(maps[m].map), known);
   }
+  if (is_one_video) out.calibration = merger.refine_cameras();
   merger.finish(&out);
   return out;
 }
