@@ -136,19 +136,8 @@ void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& m
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
                                        const VelocityOf& velocity_of) {
   const size_t most = stretches_.size();
-  stretches_.clear();
-  measure_stretches(most, rig, world, map, velocity_of);
-}
-
-void CalibrationRefiner::measure_all(const TrackingRig& rig, int world, const Map& map,
-                                     const VelocityOf& velocity_of) {
-  measure_stretches(map.keyframes.size(), rig, world, map, velocity_of);
-}
-
-// From the end of a world.
-void CalibrationRefiner::measure_stretches(size_t most, const TrackingRig& rig, int world, const Map& map,
-                                           const VelocityOf& velocity_of) {
   const int count = static_cast<int>(map.keyframes.size());
+  stretches_.clear();
   for (int end = count; end >= kLeastStretch && stretches_.size() < most; end -= kStretch) {
     measure_stretch(rig, world, map, velocity_of, std::max(0, end - kStretch), end);
   }

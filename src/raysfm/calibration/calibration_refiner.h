@@ -36,9 +36,6 @@ class CalibrationRefiner {
   // Measures the newest stretch of a world.
   void measure(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
 
-  // Measures every stretch of a map that nothing more comes to.
-  void measure_all(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
-
   // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
   // and one that it tells beyond doubt. What is found there is forgotten where it tells none.
   bool is_shutter_due(int keyframes) const;
@@ -89,8 +86,6 @@ class CalibrationRefiner {
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
   void choose_points(const Map& map, int begin, int end);
-  void measure_stretches(size_t most, const TrackingRig& rig, int world, const Map& map,
-                         const VelocityOf& velocity_of);
   void measure_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
                        int begin, int end);
 

@@ -272,23 +272,9 @@ class PieceJoiner {
     return start;
   }
 
-  // What all say of the cameras, against what they were given as.
-  std::vector<CalibrationNumber> joined_calibration() const {
-    const std::vector<CalibrationNumber>& first = pieces_[piece_of_map_[0]].result.calibration;
-    if (merged_.calibration.empty()) return first;
-    std::vector<CalibrationNumber> joined = merged_.calibration;
-    for (CalibrationNumber& number : joined) {
-      const auto given = std::ranges::find_if(first, [&](const CalibrationNumber& n) {
-        return n.camera == number.camera && n.name == number.name;
-      });
-      if (given != first.end()) number.given = given->given;
-    }
-    return joined;
-  }
-
   void fill_map() {
     out_.rig = merged_.map.rig;
-    out_.calibration = joined_calibration();
+    out_.calibration = pieces_[piece_of_map_[merged_.cameras_of]].result.calibration;
     for (size_t p = 0; p < pieces_.size(); ++p) {
       for (Closure closure : pieces_[p].result.closures) {
         closure.frame = joined_number(static_cast<int>(p), closure.frame);

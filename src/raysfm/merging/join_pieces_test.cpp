@@ -146,6 +146,21 @@ TEST(JoinPieces, CommonFramesAreEnough) {
   EXPECT_LT(percent_of_path(three->result), 0.3);
 }
 
+// Each piece refines its camera on what it sees; the first did that worst.
+TEST(JoinPieces, TheMostTypicalCamerasAreTaken) {
+  std::vector<VideoPiece> three = {piece_of(0, 50), piece_of(40, 90), piece_of(80, kFrames)};
+  auto p = std::get<Radtan>(small_camera().model).parameters();
+  p[0] *= 1.03;
+  p[1] *= 1.03;
+  three[0].map.rig.cameras[0].model = Radtan::from_parameters(p);
+  const Result<JoinedPieces> joined = join_pieces(three, 0);
+  ASSERT_TRUE(joined) << joined.error().message;
+  EXPECT_EQ(joined->result.segments.size(), 1u);
+  const auto taken = std::get<Radtan>(joined->result.rig.cameras[0].model).parameters();
+  EXPECT_EQ(taken, std::get<Radtan>(small_camera().model).parameters());
+  EXPECT_LT(percent_of_path(joined->result), 0.3);
+}
+
 TEST(JoinPieces, WithoutACommonFrameOrPlaceTheyStayApart) {
   const std::vector<VideoPiece> apart = without_places({piece_of(0, 50), piece_of(60, kFrames)});
   const Result<JoinedPieces> joined = join_pieces(apart, 0);

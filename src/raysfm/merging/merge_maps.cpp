@@ -9,7 +9,6 @@
 #include <optional>
 #include <utility>
 
-#include "raysfm/calibration/calibration_refiner.h"
 #include "raysfm/geometry/similarity.h"
 #include "raysfm/merging/known_view.h"
 #include "raysfm/odometry/mapper.h"
@@ -23,7 +22,6 @@ namespace {
 constexpr double kMostRayChange = 0.01, kMostPlaceChange = 0.05;
 // The same of pieces of one video, each refined on the little that it saw.
 constexpr double kMostRayChangeOfPieces = 0.05;
-constexpr int kMostRounds = 3;  // of a change of the calibration, each from where the one before led
 // Key frames of a world about the time of a known view, and views by which worlds that were joined are tied.
 constexpr size_t kNearInTime = 4, kTies = 8;
 constexpr int kGrid = 16;  // pixels compared along each side of the image
@@ -140,31 +138,6 @@ class WorldMerger {
     first_place_ = places_.size();
     for (int w = first; w < static_cast<int>(worlds_.size()); ++w) look_about(w);
     join_known(known);
-  }
-
-  // The cameras, by what the longest world says of them.
-  std::vector<CalibrationNumber> refine_cameras() {
-    const auto length = [](const World& w) { return w.map.keyframes.size(); };
-    const auto longest = std::ranges::max_element(worlds_, {}, length);
-    const auto standing = [](int) { return Velocity(Velocity::Zero()); };  // nothing is asked of the shutter
-    CalibrationRefiner refiner(rig_.rig(), LensRefinement::kAuto);
-    for (int round = 0; round < kMostRounds; ++round) {
-      if (round == 0) {
-        mapper_.adapt_to_cameras(0, true, &longest->map);
-        refiner.measure_all(rig_, 0, longest->map, standing);
-      } else {
-        refiner.measure_again(rig_, 0, longest->map, standing);
-      }
-      const std::optional<Rig> better = refiner.better();
-      if (!better) break;
-      rig_ = TrackingRig(*better);
-      for (World& world : worlds_) {
-        world.changed = !world.map.keyframes.empty();
-        if (world.changed) mapper_.adapt_to_cameras(0, true, &world.map);
-      }
-      if (!refiner.take_over()) break;
-    }
-    return refiner.numbers();
   }
 
   // All worlds, as maps to be written, and where each one is; `worlds` of `merged` are those that were added.
@@ -356,13 +329,13 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
   options.seed = seed;
   WorldMerger merger(rig.rig(), options);
   MergedMaps out;
+  out.cameras_of = static_cast<int>(reference);
   for (size_t m = 0; m < maps.size(); ++m) {
     for (size_t w = 0; w < maps[m].map.worlds.size(); ++w) {
       out.worlds.push_back({static_cast<int>(m), static_cast<int>(w)});
     }
     merger.add(std::move(maps[m].map), known);
   }
-  if (is_one_video) out.calibration = merger.refine_cameras();
   merger.finish(&out);
   return out;
 }

@@ -7,7 +7,6 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/saved_map/saved_map.h"
-#include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
 
@@ -35,17 +34,15 @@ struct MergedWorld {
 // Several maps in one.
 struct MergedMaps {
   SavedMap map;
-  std::vector<MergedWorld> worlds;  // of all maps, in their order
-  // How the cameras were refined, where `known` views told that the maps are of one video; else empty. Given
-  // is what the maps say.
-  std::vector<CalibrationNumber> calibration;
+  std::vector<MergedWorld> worlds;                // of all maps, in their order
+  int cameras_of = 0;                             // map whose cameras are those of all
   std::vector<std::vector<int>> map_of_keyframe;  // by world of `map`: which map its key frames come from
 };
 
 // Puts the worlds of maps into one map, through the cameras of the first. Worlds that show one place are
 // joined and adjusted as `track` does it, and those that `known` views tell of; the others stay side by side.
 // Where there are known views, the maps are of one video: their cameras may differ more, as each was refined
-// on less footage, those most like all others are taken, and refined by what all say. `seed` draws samples.
+// on less footage, and those most like all others are taken. `seed` draws samples.
 // Errors: bad input, where the cameras are not the same.
 Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed,
                               std::span<const KnownView> known = {});
