@@ -132,7 +132,9 @@ class WorldMerger {
         sources_.push_back(std::move(saved.sources[&k - world.keyframes.data()]));
         map_of_.push_back(maps_added_);
       }
-      if (other_rays && !world.keyframes.empty()) mapper_.adapt_to_cameras(0, true, &world);
+      if (!other_rays || world.keyframes.empty()) continue;
+      mapper_.adapt_to_cameras(0, false, &world);
+      worlds_.back().changed = true;  // adjusted in the end
     }
     ++maps_added_;
     first_place_ = places_.size();
@@ -212,6 +214,7 @@ class WorldMerger {
       bring_together(*meeting);
     } else if (places_.is_confirmed(*meeting, maps())) {
       join(*meeting);
+      mapper_.adapt_to_cameras(0, false, &worlds_[now(here.world)].map);
     }
   }
 
@@ -237,7 +240,6 @@ class WorldMerger {
     }
     World& into = worlds_[joined.first];
     fuse_points(joined.points, &into.map);
-    mapper_.adapt_to_cameras(0, false, &into.map);
     into.changed = true;
     worlds_[joined.second].joined_into = joined.first;
     worlds_[joined.second].points = static_cast<int>(joined.points.size());
@@ -276,7 +278,8 @@ class WorldMerger {
                       nearest_in_time(there, timestamp));
   }
 
-  // Worlds are joined by the view that shows most points of both, and tied by some more.
+  // Worlds are joined by the view that shows most points of both, and tied by some more. That fits well
+  // enough to be adjusted in the end.
   void join_known(std::span<const KnownView> known) {
     std::map<std::pair<int, int>, std::vector<const KnownView*>>
         views_of;  // by worlds, the earlier one first
@@ -299,7 +302,8 @@ class WorldMerger {
       }
       const size_t step = std::max<size_t>(1, views.size() / kTies);
       for (size_t v = 0; v < views.size(); v += step) {
-        if (const std::optional<Meeting> tie = meeting_of(*views[v])) bring_together(*tie);
+        const std::optional<Meeting> tie = meeting_of(*views[v]);
+        if (tie) fuse_points(tie->relation.points, &worlds_[tie->here.world].map);
       }
     }
   }
