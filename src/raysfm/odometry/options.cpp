@@ -27,7 +27,7 @@ Result<void> validate(const OdometryOptions& o) {
   if (o.features > kMaxFeatures) {
     return bad_input(fmt::format("--features = {}: must be at most {}", o.features, kMaxFeatures));
   }
-  return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until});
+  return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until, o.paper_window});
 }
 
 }  // namespace raysfm

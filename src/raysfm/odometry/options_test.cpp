@@ -22,6 +22,9 @@ TEST(OdometryOptions, AWindowThatLeavesTheScaleFreeIsRefusedWithTheReason) {
   }
   options.window = 5;
   EXPECT_TRUE(validate(options).ok());
+  options.window = 3;
+  options.paper_window = true;  // asked for, to see it fail
+  EXPECT_TRUE(validate(options).ok());
 }
 
 TEST(OdometryOptions, TooSmallNumbersNameTheirFlag) {
