@@ -17,6 +17,8 @@ import tempfile
 import time
 import typing
 
+HERE = pathlib.Path(__file__).resolve().parent
+
 
 @dataclasses.dataclass
 class Experiment:
@@ -69,6 +71,29 @@ class Digests:
         self._known.pop(path, None)
 
 
+def names_in(code):
+    """Of a function's code and of the code within it."""
+    inner = [name for constant in code.co_consts if inspect.iscode(constant) for name in names_in(constant)]
+    return [*code.co_names, *inner]
+
+
+def is_ours(path):
+    return path is not None and pathlib.Path(path).resolve().parent == HERE
+
+
+def source_of(function, seen=None):
+    """Text of a function, of the functions of these scripts that it calls, and of the modules of these scripts it uses."""
+    seen = {} if seen is None else seen
+    seen[function] = inspect.getsource(function)
+    for name in names_in(function.__code__):
+        used = function.__globals__.get(name)
+        if inspect.isfunction(used) and used not in seen and is_ours(used.__code__.co_filename):
+            source_of(used, seen)
+        if inspect.ismodule(used) and is_ours(getattr(used, "__file__", None)):
+            seen[used] = inspect.getsource(used)
+    return "".join(sorted(seen.values()))
+
+
 def program_files(path):
     """A program and the modules beside it that it loads."""
     return [path, *sorted(path.parent.glob(path.name + "-*.so"))]
@@ -82,7 +107,7 @@ class Kept:
         self._digests = Digests()
 
     def digest(self, experiment):
-        made_of = [experiment.commands, inspect.getsource(experiment.measure)]
+        made_of = [experiment.commands, source_of(experiment.measure)]
         for name in experiment.programs:
             made_of.append([self._digests.of(p) for p in program_files(self._paths[name])])
         made_of += [self._digests.of(self._paths[name]) for name in experiment.inputs]

@@ -24,9 +24,8 @@ def tell(text, end="\n"):
 
 def benchmarks_folder(program):
     """Where the benchmarks are: beside the program where it was built with them, else built for this."""
-    beside = program.parent / "benchmarks"
-    if (beside / papers_experiments.BENCHMARKS[0]).exists():
-        return beside
+    if (program.parent / papers_experiments.BENCHMARKS[0]).exists():
+        return program.parent
     tell("building the benchmarks")
     folder = ROOT / "build-bench"
     for command in (["cmake", "-S", ROOT, "-B", folder, "-DCMAKE_BUILD_TYPE=Release", "-DRAYSFM_BUILD_BENCHMARKS=ON"],
@@ -34,7 +33,7 @@ def benchmarks_folder(program):
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
         if done.returncode != 0:
             sys.exit(f"scripts/results: {' '.join(map(str, command))} failed: {done.stderr.strip()[-500:]}")
-    return folder / "benchmarks"
+    return folder
 
 
 def run_one(keeper, experiment, title, prepare):
@@ -125,7 +124,7 @@ def beyond_limits(records):
 
 def check(program, data):
     """The quick subset against its limits; returns how many are missed. For this the benchmarks need not be there."""
-    session = Session(program, program.parent / "benchmarks", data)
+    session = Session(program, program.parent, data)
     session.run([session.whole[name] for name in papers_experiments.CHECKED])
     records = {name: record for name in papers_experiments.CHECKED if (record := session.record(name))}
     missed = beyond_limits(records)

@@ -57,6 +57,8 @@ def tracked(folder, outputs):
     result = run_numbers(folder) | error_numbers(parsed(outputs[1]))
     if len(outputs) > 2:
         result |= error_numbers(parsed(outputs[2]), "global_")
+        if "global_percent" in result and "length_m" in result:  # the other one has a unit of its own
+            result["global_mean_m"] = result["global_percent"] * result["length_m"] / 100
     if not result["completed"]:
         result["failed"] = f"failed ({result['posed_percent']:.0f} % of the frames posed)"
     return result
@@ -104,7 +106,7 @@ def path_numbers(folder, truth_poses):
 
 def followed(folder, outputs):
     """`track`, `eval`, and all that figures 11 to 14 show; the last command printed the truth."""
-    result = tracked(folder, outputs[:2])
+    result = tracked(folder, outputs[:-1])
     truth = folder / "truth.txt"
     truth.write_text(outputs[-1])
     if not result["completed"]:

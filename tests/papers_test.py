@@ -118,6 +118,13 @@ class Keeping(Folder):
         self.assertIsNone(keeper.get(after))
 
 
+    def test_functions_that_a_measure_calls_count(self):
+        source = kept.source_of(papers_measures.followed)
+        for needed in ("def tracked(", "def run_numbers(", "def largest_eigenvector("):
+            self.assertIn(needed, source)
+        self.assertNotIn("def moment_figures(", source)
+
+
 class Running(Folder):
     def test_what_is_finished_before_an_interruption_is_kept(self):
         first, last = self.experiment("first"), self.experiment("last", command=("{tool}", "{input}", "last"))

@@ -27,6 +27,16 @@ TEST(OdometryOptions, AWindowThatLeavesTheScaleFreeIsRefusedWithTheReason) {
   EXPECT_TRUE(validate(options).ok());
 }
 
+TEST(OdometryOptions, PlainAnglesDoNotRefineTheLens) {
+  OdometryOptions options;
+  options.error = ErrorMeasure::kAngularPlain;
+  EXPECT_TRUE(validate(options).ok());
+  options.refine_lens = LensRefinement::kOn;
+  EXPECT_NE(validate(options).error().message.find("--refine-lens = on"), std::string::npos);
+  options.error = ErrorMeasure::kAngular;
+  EXPECT_TRUE(validate(options).ok());
+}
+
 TEST(OdometryOptions, TooSmallNumbersNameTheirFlag) {
   OdometryOptions options;
   options.features = 10;
