@@ -34,12 +34,14 @@ def render(program, folder, recipe, flags):
     """Renders into `folder` unless it holds just that. Errors: kept.Failed."""
     if is_current(folder, recipe, flags):
         return
-    fresh = folder.with_name(folder.name + ".new")
-    shutil.rmtree(fresh, ignore_errors=True)
+    fresh = folder.with_name(f"{folder.name}.{os.getpid()}")
     command = [program, "synth", "--config", recipe, "--out", fresh, "--quiet", *flags]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
-    if done.returncode != 0:
-        raise kept.Failed(f"{recipe.name}: synth ended with {done.returncode}: {done.stderr.strip()}")
-    (fresh / "made_of").write_text(made_of(recipe, flags))
-    shutil.rmtree(folder, ignore_errors=True)
-    os.replace(fresh, folder)
+    try:
+        done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+        if done.returncode != 0:
+            raise kept.Failed(f"{recipe.name}: synth ended with {done.returncode}: {done.stderr.strip()}")
+        (fresh / "made_of").write_text(made_of(recipe, flags))
+        shutil.rmtree(folder, ignore_errors=True)
+        os.replace(fresh, folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)

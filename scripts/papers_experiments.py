@@ -5,7 +5,7 @@ import statistics
 from kept import Experiment
 from papers_measures import (board_tables, followed, gains, kernels, lens_figures, moment_figures, times_of_frames,
                              tracked)
-from papers_rows import AS_THE_PAPER, DEPARTURES, FILMS, OFFSETS, TABLE_6, window_name
+from papers_rows import AS_THE_PAPER, DEPARTURES, FILMS, OFFSETS, TABLE_6, TOWN_WINDOWS, window_name
 
 BENCHMARKS = ["bundle_growth_benchmark", "pless_benchmark", "tracker_benchmark", "ifba_benchmark",
               "lens_boards_benchmark"]
@@ -86,6 +86,9 @@ def town(quick):
     scale = "725 of 2900 frames" if quick else ""
     yield track_experiment("town global", film, "--final", "global", leaves={f"{film}-global": "o/trajectory.txt"},
                            scale=scale)
+    for n, window in TOWN_WINDOWS:
+        yield track_experiment(window_name("town", n, window), film, "--paper-window", *AS_THE_PAPER, "--free-cameras",
+                               str(n), "--window", str(window), against=f"{film}-global", scale=scale)
     yield track_experiment("town", film, against=f"{film}-global", measure=followed, scale=scale)
 
 
@@ -125,7 +128,7 @@ def derived(results):
             if names:
                 mean = statistics.fmean(results[name]["adjust_ms"] for name in names)
                 found[f"{film} adjust n={n}"] = ({"adjust_s": mean / 1000}, names)
-        pair = [film, f"{film} generic"]
+        pair = [f"{film} calibration as given", f"{film} generic"]  # plain angles refine no calibration
         if all("mean_m" in results.get(name, {}) for name in pair):
             found[f"{film} by angles"] = ({"over_pixels": results[pair[1]]["mean_m"] / results[film]["mean_m"]}, pair)
     return found

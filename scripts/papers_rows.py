@@ -21,7 +21,6 @@ class Row:
     ours: typing.Any = None  # key of the result, or a function of it
     unit: str = ""
     limit: float | None = None  # of --check: ours must be below
-    must_fail: bool = False  # of --check: the run must fail
     none: str = ""  # why there is no experiment
 
 
@@ -37,6 +36,7 @@ def paper_error(found, truth):
 OFFSETS = (0, 1, 2, 3, 5, 7)  # N - n of the columns of tables 4 and 5
 TABLE_4 = {2: ("failed", "failed", 0.55, 0.49, 0.85, 1.99), 3: ("failed", 3.28, 0.45, 0.41, 0.41, 0.41),
            4: (6.53, 1.77, 0.42, 0.40, 0.41, 0.27)}
+TOWN_WINDOWS = ((2, 2), (3, 3), (3, 4), (3, 5), (3, 10))  # of the long sequence, where more adds up
 TABLE_5 = {2: ("failed", "failed", 3.17, 0.43, 1.56, 1.80), 3: ("failed", 3.61, 1.60, 0.43, 0.30, 0.47),
            4: (7.67, 1.44, 1.03, 0.24, 0.25, 0.36)}
 TABLE_6 = {2: 0.24, 3: 0.31, 4: 0.33, 5: 0.37, 6: 0.44}
@@ -63,13 +63,19 @@ def lba09_windows():
                 for offset, value in zip(OFFSETS, values):
                     checked = film == "kitti07-mono" and item == "Table 4" and n == 3
                     yield Row(item, f"{film}, n = {n}, N = {n + offset}", value, window_name(film, n, n + offset), key,
-                              "m", limit=0.5 if checked and offset == 7 else None)
+                              "m", limit=0.3 if checked and offset == 7 else None)
         yield Row("Table 4", f"{film}, everything adjusted at the end", 0.33, f"{film} paper global", "mean_m", "m")
         yield Row("Table 4", f"{film}, as raysfm comes: n = 3, N = 10, older key frames held", 0.41, film, "mean_m", "m",
-                  limit=0.1 if film == "kitti07-mono" else None)
+                  limit=0.08 if film == "kitti07-mono" else None)
         yield Row("Table 5", f"{film}, as raysfm comes", 0.47, film, "global_mean_m", "m")
         for n, value in TABLE_6.items():
             yield Row("Table 6", f"{film}, n = {n}, mean over N", value, f"{film} adjust n={n}", "adjust_s", "s")
+
+
+def lba09_long_windows():
+    for n, window in TOWN_WINDOWS:
+        value = TABLE_4[n][OFFSETS.index(window - n)]
+        yield Row("Table 4", f"town, n = {n}, N = {window}", value, window_name("town", n, window), "mean_m", "m")
 
 
 def lba09_times():
@@ -91,7 +97,7 @@ def lba09_path():
         yield Row("Figure 13", f"{film}, largest 3D error of key frames", 2.0, film, "max_m", "m")
         yield Row("Figure 14", f"{film}, mean track length in key frames", PICTURES, film, "mean_track")
         yield Row("Figure 17", f"{film}, angles between rays, mean 3D error (6.1)", 0.48, f"{film} generic", "mean_m", "m",
-                  limit=0.5 if film == "kitti07-mono" else None)
+                  limit=0.4 if film == "kitti07-mono" else None)
         yield Row("Figure 17", f"{film}, angles between rays, mean 2D error (6.1)", 0.47, f"{film} generic", "mean_2d_m", "m")
         yield Row("Figure 17", f"{film}, error by angles over error by pixels (6.1)", 0.48 / 0.41, f"{film} by angles",
                   "over_pixels")
@@ -114,6 +120,9 @@ def lba09_generic():
         yield Row("Section 6.2", f"{film}, the same as a part of the path", percent, film, "global_percent", "%")
     yield Row("Section 6.2", "stereo, from the global adjustment of the right camera alone", "0.084 m, 0.42 %",
               none="`--mono` takes the left camera of a rig; the right one gives no other information")
+    yield Row("Section 6.2", "stereo, by angles: mean 3D error against the truth", "no truth", "stereo", "mean_m", "m")
+    yield Row("Section 6.2", "stereo, left camera alone with its global adjustment: mean 3D error against the truth", "no truth",
+              "stereo global", "mean_m", "m")
     for film in ("mirror", "stereo"):
         yield Row("Figure 18", f"{film}, map: points", TABLE_7[film][2], film, "points")
 
@@ -147,6 +156,7 @@ def lba09():
     yield Row("Figure 9", "two frames of the sequence", none="photos; docs/images/street.png is a frame of the twin")
     yield from lba09_times()
     yield from lba09_windows()
+    yield from lba09_long_windows()
     yield from lba09_path()
     yield Row("Section 5.4", "frames", 2900, "town", "frames")
     yield Row("Section 5.4", "length of the path", 500, "town", "length_m", "m")
@@ -261,6 +271,23 @@ def ifba01():
     yield Row("Figure 14", "images of the grid", none="photos; scripts/recipes/board-fixed.yaml renders the like")
     yield Row("Figure 15", "images of the grid", none="photos; scripts/recipes/board-zoom.yaml renders the like")
     yield from board_rows()
+
+
+# Why rows are not as in the paper, found by looking.
+NOTES = {
+    ("LBA09", "Table 1"): "The paper counts operations, here an iteration is timed: the products and the factor of the cameras, which "
+                          "are what is saved, are only a part of it.",
+    ("LBA09", "Table 4"): "No window fails here as in the paper, and nothing is lost on the way. N = n and n + 1 leave the scale free all the same: where "
+                          "their errors stand out, that is why. They stay small because a new pose is found from points that are in "
+                          "place, and damped steps hardly move along directions that cost nothing. On `kitti07-mono` the calibration as "
+                          "given is off, which hides the rest.",
+    ("LBA09", "Section 6.2"): "The rig is compared with its left camera alone, as in the paper; the distance between the two is the "
+                              "drift of the scale of one camera, as the last rows show.",
+    ("LBA09", "Figure 17"): "Plain angles refine no calibration; so they are compared with pixels and the calibration as given.",
+    ("IFBA01", "Figure 6"): "That intrinsics-free adjustment is the more accurate is not confirmed: the moments of an image hold "
+                            "the noise of its points. docs/results/intrinsics_free.md has more.",
+    ("IFBA01", "Figure 13"): "As figure 6: not confirmed.",
+}
 
 
 def in_order(rows):

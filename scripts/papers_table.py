@@ -2,7 +2,7 @@
 import math
 
 import papers_charts
-from papers_rows import PAPERS
+from papers_rows import NOTES, PAPERS
 
 TITLES = {"LBA09": "LBA09: Generic and Real Time Structure from Motion using Local Bundle Adjustment (2009)",
           "IFBA01": "IFBA01: Euclidean Bundle Adjustment Independent on Camera Intrinsic Parameters (2001)"}
@@ -46,12 +46,13 @@ def cells_of(row, records):
     return [row.what, shown(row.paper, row.unit), shown(ours, row.unit), ratio, row.experiment + scale]
 
 
-def section(item, rows, records, pictures):
+def section(item, rows, records, pictures, note):
     lines = [f"### {item}", "", "| what | paper | ours | ours/paper | experiment |", "|---|---|---|---|---|"]
     lines += ["| " + " | ".join(cells_of(row, records)) + " |" for row in rows] + [""]
     if item == "Departures":
         lines += ["What `track` does otherwise than the paper, as far as flags take it away: docs/architecture.md says why. Mean error "
                   "of key frames, and rate.", ""]
+    lines += [note, ""] if note else []
     for name, text in pictures:
         lines += [f"![{text}](../images/papers/{name})", ""]
     return lines
@@ -102,7 +103,8 @@ def write(path, pictures_folder, records, made_by, names):
         lines += [f"## {TITLES[paper]}", ""]
         for item, rows in items().items():
             if any(row.experiment for row in rows):
-                lines += section(item, rows, records, pictures.get((paper, item), []))
+                lines += section(item, rows, records, pictures.get((paper, item), []),
+                                 NOTES.get((paper, item)))
             counts["rows"] += len(rows)
             counts["not reproduced"] += sum(bool(row.none) for row in rows)
             counts["not yet run"] += sum(not row.none and row.experiment not in records for row in rows)

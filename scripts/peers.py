@@ -138,7 +138,7 @@ def table(records):
 
 
 def write(path, made_by, records):
-    commands = [f"| {name} | " + "<br>".join(f"`{c}`" for c in record["commands"]) + f" | {record['made']} |"
+    commands = [f"| {name} | " + "<br>".join(f"`{c}`" for c in record["commands"]) + f" | {record['load']} | {record['made']} |"
                 for name, record in records.items()]
     text = [
         "# Beside COLMAP", "", f"Made by `scripts/results peers`: {made_by}. Other programs ran at the same time.", "",
@@ -148,7 +148,7 @@ def write(path, made_by, records):
         "frames with a pose in the largest model, after alignment by a similarity; the same arithmetic judges both. Frames that "
         "have no pose are not in the error: look at the coverage first. Seconds are wall time from images to poses.", "",
         "| sequence | calibration | program | coverage % | mean error m | largest error m | models | seconds |",
-        "|---|---|---|---|---|---|---|---|", *table(records), "", "| experiment | commands | made |", "|---|---|---|", *commands, "",
+        "|---|---|---|---|---|---|---|---|", *table(records), "", "| experiment | commands | load | made |", "|---|---|---|---|", *commands, "",
     ]
     path.write_text("\n".join(text))
     print("written: docs/results/peers.md")
