@@ -24,7 +24,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 class Experiment:
     """`commands` are lists of words, run in a folder of their own: {NAME} stands for the path of a program or of an
     input, {out} for the folder. `measure(folder, outputs)` gives a dictionary that JSON can hold; `outputs` has what each
-    command printed, with its `seconds`. An experiment whose `inputs` are missing is not run."""
+    command printed, with its `seconds` and `error`. An experiment whose `inputs` are missing is not run."""
     name: str
     commands: list
     measure: typing.Callable
@@ -36,7 +36,8 @@ class Experiment:
 
 
 class Printed(str):
-    """What a command printed, and how long it took."""
+    """What a command printed, its last line of errors, and how long it took."""
+    error = ""
     seconds = 0.0
 
 
@@ -169,5 +170,6 @@ class Kept:
         if done.returncode != 0 and not experiment.may_fail:
             raise Failed(f"{experiment.name}: {command[0]} ended with {done.returncode}: {done.stderr.strip()[-300:]}")
         printed = Printed(done.stdout)
+        printed.error = (done.stderr.strip().splitlines() or [""])[-1]
         printed.seconds = time.monotonic() - begin
         return printed

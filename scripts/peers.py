@@ -20,6 +20,7 @@ FOLDER = ROOT / "demo" / "papers" / "peers"
 # name, sequence of the shared data, its images, frames taken from the beginning.
 SEQUENCES = {"kitti07-mono": ("kitti07-mono", "image_0", 100), "tsukuba-mono": ("tsukuba-mono", "images", 100),
              "kitchen-100": ("redkitchen-handheld", "images", 100)}
+WORDS = {True: "given", False: "withheld"}  # the calibration
 FEATURES = 2000  # of COLMAP: its default of 8192 takes hours to match without a graphics card
 
 
@@ -91,22 +92,30 @@ def judged_raysfm(folder, outputs):
     path = folder / "o" / "trajectory.txt"
     places = {time: place for time, (place, _) in read_trajectory(path).items()} if path.exists() else {}
     models = 1 + len(list((folder / "o" / "worlds").glob("*"))) if places else 0
-    return compared(places, truth_of(outputs[-1]), len(outputs[-2].split())) | {"seconds": outputs[0].seconds, "models": models}
+    result = compared(places, truth_of(outputs[-1]), len(outputs[-2].split()))
+    return result | {"seconds": outputs[0].seconds, "models": models, "message": outputs[0].error.split("sequence: ")[-1]}
+
+
+def raysfm_experiment(name, given):
+    flags = ["--camera", f"{{{name}}}/camera.yaml"] if given else []
+    track = ["{raysfm}", "track", f"{{{name}}}/sequence", "--out", "{out}/o", "--threads", "2", "--quiet", *flags]
+    return kept.Experiment(f"raysfm, {name}, {WORDS[given]}", [track, *judge(name)], judged_raysfm, ["raysfm"], [name],
+                           may_fail=True)
+
+
+def colmap_experiment(name, given):
+    commands = [["ls", f"{{{name}}}/sequence/images"], *colmap_commands(name, given), *judge(name)]
+    return kept.Experiment(f"colmap, {name}, {WORDS[given]}", commands, judged_colmap, ["colmap"], [name], may_fail=True)
+
+
+def judge(name):
+    return [["cat", f"{{{name}}}/sequence/times.txt"], ["cat", f"{{{name}}}/truth.txt"]]
 
 
 def experiments():
-    for name in SEQUENCES:
-        base = f"{{{name}}}"
-        ending = [["cat", f"{base}/sequence/times.txt"], ["cat", f"{base}/truth.txt"]]
-        for given in (True, False):
-            flags = ["--camera", f"{base}/camera.yaml"] if given else []
-            yield kept.Experiment(f"raysfm, {name}, {'given' if given else 'withheld'}",
-                                  [["{raysfm}", "track", f"{base}/sequence", "--out", "{out}/o", "--threads", "2", "--quiet", *flags],
-                                   *ending], judged_raysfm, ["raysfm"], [name], may_fail=True)
-        for given in (True, False):
-            yield kept.Experiment(f"colmap, {name}, {'given' if given else 'withheld'}",
-                                  [["ls", f"{base}/sequence/images"], *colmap_commands(name, given), *ending],
-                                  judged_colmap, ["colmap"], [name], may_fail=True)
+    """Quick ones first."""
+    return [make(name, given) for make in (raysfm_experiment, colmap_experiment) for given in (True, False)
+            for name in SEQUENCES]
 
 
 def colmap_commands(name, given):
@@ -126,13 +135,16 @@ def cell(result, key, digits):
 
 def table(records):
     for name in SEQUENCES:
-        for given in ("given", "withheld"):
+        for given in WORDS.values():
             for tool in ("raysfm", "colmap"):
                 record = records.get(f"{tool}, {name}, {given}")
                 if record is None:
                     yield f"| {name} | {given} | {tool} | not yet run |" + " |" * 4
                     continue
                 r = record["result"]
+                if not r["models"]:
+                    yield f"| {name} | {given} | {tool} | 0 | {r.get('message', '')} | - | 0 | {r['seconds']:.1f} |"
+                    continue
                 yield (f"| {name} | {given} | {tool} | {r['coverage_percent']:.0f} | {cell(r, 'mean_m', 4)} | {cell(r, 'max_m', 4)} | "
                        f"{r['models']} | {r['seconds']:.1f} |")
 
