@@ -284,8 +284,16 @@ NOTES = {
     ("LBA09", "Section 6.2"): "The rig is compared with its left camera alone, as in the paper; the distance between the two is the "
                               "drift of the scale of one camera, as the last rows show.",
     ("LBA09", "Figure 17"): "Plain angles refine no calibration; so they are compared with pixels and the calibration as given.",
+    ("IFBA01", "Figure 5"): "Fewer iterations throughout. With many images an iteration by moments costs more than it saves: twelve rows for "
+                            "each image are eliminated in place of six. The paper's solvers are dense and numeric.",
+    ("IFBA01", "Figure 8"): "As figure 5.",
+    ("IFBA01", "Figure 11"): "Here every method takes the principal points as free, so that moving them changes nothing; the "
+                             "paper supposes them at the centre.",
     ("IFBA01", "Figure 6"): "That intrinsics-free adjustment is the more accurate is not confirmed: the moments of an image hold "
                             "the noise of its points. docs/results/intrinsics_free.md has more.",
+    ("IFBA01", "Figure 7"): "As figure 6: not confirmed.",
+    ("IFBA01", "Figure 9"): "As figure 6: not confirmed.",
+    ("IFBA01", "Figure 10"): "As figure 6: not confirmed.",
     ("IFBA01", "Figure 13"): "As figure 6: not confirmed.",
 }
 

@@ -76,12 +76,12 @@ def experiment_table(records):
     return lines + [""]
 
 
-def introduction(made_by, missing):
+def introduction(made_by, missing, minutes):
     lines = [
         "# The two papers, row by row", "",
         f"Made by `scripts/results papers`: {made_by}. Seed 0 of `track`, seed 1 of the benchmarks, one thread. Nothing here is "
         "typed by hand but the papers' own figures (`scripts/papers_rows.py`). The commands of each experiment are in the "
-        "last table; words without a path are programs and inputs, `out` a folder for the occasion.", "",
+        f"last table; they took {minutes:.0f} minutes, without the rendering. Words without a path are programs and inputs, `out` a folder for the occasion.", "",
         "`street`, `town`, `pinhole`, `mirror` and `stereo` are rendered twins of the papers' sequences (`scripts/recipes/lba09-*`): "
         "same length, number of frames and size of images, other pictures, with noise of 3 grey levels, an exposure of 10 ms, and "
         "people walking in the street. `kitti07-mono` is real: 54 m in 100 frames of a car, faster and larger than the paper's. "
@@ -97,7 +97,8 @@ def introduction(made_by, missing):
 def write(path, pictures_folder, records, made_by, names):
     """Writes the page and its charts; returns how many rows it has of which kind, as a text."""
     pictures = papers_charts.draw(records, pictures_folder)
-    lines = introduction(made_by, [name for name in names if name not in records])
+    lines = introduction(made_by, [name for name in names if name not in records],
+                         sum(record.get("seconds", 0) for record in records.values()) / 60)
     counts = {"rows": 0, "not yet run": 0, "not reproduced": 0}
     for paper, items in PAPERS.items():
         lines += [f"## {TITLES[paper]}", ""]
