@@ -132,14 +132,19 @@ def check(program, data):
     return len(missed)
 
 
+def made_by(program, machine):
+    """Version, bytes and machine."""
+    version = subprocess.run([str(program), "--version"], capture_output=True, text=True).stdout.split("\n")[0]
+    return f"raysfm {version} (sha256 {kept.file_digest(program)[:12]}), {machine}"
+
+
 def run(program, data, machine, quick=False, only=""):
     """Makes what is missing and writes the table. Returns the exit code: 130 where it was interrupted."""
     session = Session(program, benchmarks_folder(program), data)
     wanted = [e for e in (session.quick if quick else session.whole).values() if only in e.name]
     finished = session.run(wanted)
-    version = subprocess.run([str(program), "--version"], capture_output=True, text=True).stdout.split("\n")[0]
     os.makedirs(ROOT / "docs" / "images" / "papers", exist_ok=True)
     counts = papers_table.write(ROOT / "docs" / "results" / "papers.md", ROOT / "docs" / "images" / "papers",
-                                session.records(), f"{version}, {machine}", list(session.whole))
+                                session.records(), made_by(program, machine), list(session.whole))
     print(f"written: docs/results/papers.md, {counts}")
     return 0 if finished else 130

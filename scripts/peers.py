@@ -8,7 +8,6 @@ import pathlib
 import re
 import shutil
 import struct
-import subprocess
 
 import aligned
 import kept
@@ -175,7 +174,6 @@ def run(program, data, machine, only=""):
     keeper = kept.Kept(FOLDER / "kept", places | {name: FOLDER / "sequences" / name for name in SEQUENCES})
     finished = papers.run_all(keeper, [e for e in experiments() if only in e.name])
     records = {e.name: record for e in experiments() if (record := keeper.get(e))}
-    version = subprocess.run([str(program), "--version"], capture_output=True, text=True).stdout.split("\n")[0]
     os.makedirs(ROOT / "docs" / "results", exist_ok=True)
-    write(ROOT / "docs" / "results" / "peers.md", f"{version}, {machine}", records)
+    write(ROOT / "docs" / "results" / "peers.md", papers.made_by(program, machine), records)
     return 0 if finished else 130
