@@ -72,6 +72,12 @@ class Digests:
         self._known.pop(path, None)
 
 
+def processor_seconds():
+    """Of all programs run so far."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
 def names_in(code):
     """Of a function's code and of the code within it."""
     inner = [name for constant in code.co_consts if inspect.iscode(constant) for name in names_in(constant)]
@@ -132,13 +138,17 @@ class Kept:
 
     def run(self, experiment):
         """Runs it and keeps its record. Errors: Failed."""
-        digest, begin = self.digest(experiment), time.monotonic()
+        digest, begin, used = self.digest(experiment), time.monotonic(), processor_seconds()
         with tempfile.TemporaryDirectory() as folder:
             outputs = [self._execute(command, experiment, folder) for command in experiment.commands]
-            result = experiment.measure(pathlib.Path(folder), outputs)
+            try:
+                result = experiment.measure(pathlib.Path(folder), outputs)
+            except Exception as what:  # nothing that one experiment leaves out stops the others
+                raise Failed(f"{experiment.name}: {type(what).__name__}: {what}") from what
             self._take(experiment, pathlib.Path(folder))
         record = {"digest": digest, "load": round(os.getloadavg()[0], 1), "result": result, "scale": experiment.scale,
-                  "seconds": round(time.monotonic() - begin, 1), "commands": self.shown(experiment),
+                  "seconds": round(time.monotonic() - begin, 1),
+                  "processor_seconds": round(processor_seconds() - used, 1), "commands": self.shown(experiment),
                   "made": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC")}
         self.folder.mkdir(parents=True, exist_ok=True)
         fresh = self._file(experiment).with_suffix(".new")

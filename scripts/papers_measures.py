@@ -113,9 +113,11 @@ def followed(folder, outputs):
         return result
     result |= path_numbers(folder, read_trajectory(truth))
     result["mean_2d_m"] = statistics.fmean(result["error_2d"])
-    lengths = track_lengths(folder / "o" / "sparse" / "points3D.bin")
-    result["track_lengths"] = sorted(lengths.items())
-    result["mean_track"] = sum(n * p for n, p in lengths.items()) / sum(lengths.values())
+    model = folder / "o" / "sparse" / "points3D.bin"
+    if model.exists():  # COLMAP has no model of a camera before a mirror
+        lengths = track_lengths(model)
+        result["track_lengths"] = sorted(lengths.items())
+        result["mean_track"] = sum(n * p for n, p in lengths.items()) / sum(lengths.values())
     return result
 
 

@@ -32,6 +32,10 @@ def words_doubled(folder, outputs):
     return {"words": 2 * len(outputs[0].split())}
 
 
+def stumbles(folder, outputs):
+    return {"words": outputs[1]}
+
+
 def interrupts(folder, outputs):
     raise KeyboardInterrupt
 
@@ -141,7 +145,7 @@ class Running(Folder):
         lacks = kept.Experiment("lacks", [["cat", "{left}"]], words_printed, [], ["left"])
         fails = self.experiment("fails", command=("false",))
         last = self.experiment("last")
-        self.assertTrue(papers.run_all(self.keeper(), [lacks, fails, last]))
+        self.assertTrue(papers.run_all(self.keeper(), [lacks, fails, self.experiment("stumbles", stumbles), last]))
         self.assertIsNotNone(self.keeper().get(last))
 
 
