@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "raysfm/core/random.h"
+#include "raysfm/core/timer.h"
 #include "raysfm/synth/motion.h"
 #include "raysfm/synth/renderer.h"
 #include "raysfm/synth/zoom.h"
@@ -175,7 +176,8 @@ double largest(const std::vector<double>& values) {
 
 // Errors of one way of solving, of every image of every seed.
 struct Errors {
-  std::vector<double> focal_percent, centre_px, rms_px;
+  std::vector<double> focal_percent, centre_px, rms_px, iterations,
+      ms;  // ms: of the start and the adjustment
   int failures = 0, wrong_lens = 0;
 
   void add(const std::vector<Lens>& found, const std::vector<Lens>& truth) {
@@ -189,7 +191,9 @@ struct Errors {
                 largest(focal_percent), median(centre_px), largest(centre_px));
     if (rms_px.empty()) std::printf(" |");
     if (!rms_px.empty()) std::printf(" %.3f px |", median(rms_px));
-    std::printf(" %d | %d |\n", failures, wrong_lens);
+    std::printf(" %d | %d |", failures, wrong_lens);
+    if (iterations.empty()) std::printf(" | |\n");
+    if (!iterations.empty()) std::printf(" %.0f | %.2f |\n", median(iterations), median(ms));
   }
 };
 
@@ -207,22 +211,26 @@ void solve_shot(const Shot& shot, bool zooming, std::map<std::string, Errors>* e
   } else {
     ++(*errors)["linear"].failures;
   }
-  const auto take = [&](const std::string& name, const Result<UncalibratedReconstruction>& found) {
+  const auto take = [&](const std::string& name) {
     Errors& e = (*errors)[name];
+    const Clock::time_point begin = Clock::now();
+    const auto found = reconstruct(shot.tracks, options);
+    e.ms.push_back(milliseconds_since(begin));
     if (!found || std::count(found->image_posed.begin(), found->image_posed.end(), 0) > 0) {
       ++e.failures;
       return;
     }
     e.add(found->scene.lenses, shot.lenses);
     e.rms_px.push_back(found->rms_px);
+    e.iterations.push_back(found->adjustment.lm.iterations);
     e.wrong_lens += found->zooming != zooming;
   };
   for (const auto& [name, method] : kMethods) {
     options.method = method;
-    take(name, reconstruct(shot.tracks, options));
+    take(name);
   }
   options.lens = LensChange::kAuto;
-  take("polished, `--lens auto`", reconstruct(shot.tracks, options));
+  take("polished, `--lens auto`");
 }
 
 void print_focal_lengths(const Shot& shot, bool zooming) {
@@ -260,7 +268,7 @@ void rendered_table(const char* title, bool zooming, int seeds, const synth::Wor
               first.lenses.size(), seeds, median(corner_rms));
   std::printf(
       "| | focal length, median | largest | principal point, median | largest | rms | failures | lens "
-      "mistaken |\n|---|---|---|---|---|---|---|---|\n");
+      "mistaken | iterations | ms |\n|---|---|---|---|---|---|---|---|---|---|\n");
   for (const char* name : {"linear", "intrinsics-free", "standard", "polished", "polished, `--lens auto`"}) {
     errors[name].print(name);
   }

@@ -1,5 +1,6 @@
-// tracker_benchmark SEQUENCE [CAMERA.yaml]: time and allocated bytes of each push() over a sequence, start
-// included.
+// tracker_benchmark SEQUENCE [CAMERA.yaml] [--frames FILE.csv]: time and allocated bytes of each push() over
+// a sequence, start included. --frames writes one line for each frame: its time, and whether a key frame came
+// of it.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -102,7 +103,17 @@ void print(const std::vector<Push>& pushes) {
       quantile(early, 0.5), quantile(late, 0.5));
 }
 
-int run(const std::string& sequence, const std::string& camera) {
+bool write_frames(const std::vector<Push>& pushes, const std::string& path) {
+  std::FILE* file = std::fopen(path.c_str(), "w");
+  if (!file) return false;
+  fmt::print(file, "frame,ms,keyframe\n");
+  for (size_t i = 0; i < pushes.size(); ++i) {
+    fmt::print(file, "{},{:.3f},{}\n", i, pushes[i].ms, int{pushes[i].grew});
+  }
+  return std::fclose(file) == 0;
+}
+
+int run(const std::string& sequence, const std::string& camera, const std::string& frames) {
   const auto input = open_input({sequence}, {});
   if (!input) return fmt::print(stderr, "{}\n", input.error().message), 2;
   if (camera.empty() && !input->calibration) return fmt::print(stderr, "{}: no camera\n", sequence), 2;
@@ -111,14 +122,24 @@ int run(const std::string& sequence, const std::string& camera) {
   KeyFrames heard;
   const auto tracker = Tracker::create(*rig, {}, &heard);
   if (!tracker) return fmt::print(stderr, "{}\n", tracker.error().message), 2;
-  print(push_all(*input, **tracker, heard));
-  return 0;
+  const std::vector<Push> pushes = push_all(*input, **tracker, heard);
+  print(pushes);
+  if (frames.empty() || write_frames(pushes, frames)) return 0;
+  return fmt::print(stderr, "{}: cannot be written\n", frames), 1;
 }
 
 }  // namespace
 }  // namespace raysfm
 
 int main(int argc, char** argv) {
-  if (argc < 2) return fmt::print(stderr, "usage: tracker_benchmark SEQUENCE [CAMERA.yaml]\n"), 2;
-  return raysfm::run(argv[1], argc > 2 ? argv[2] : "");
+  std::vector<std::string> words(argv + 1, argv + argc);
+  std::string frames;
+  if (words.size() > 2 && words[words.size() - 2] == "--frames") {
+    frames = words.back();
+    words.resize(words.size() - 2);
+  }
+  if (words.empty() || words.size() > 2) {
+    return fmt::print(stderr, "usage: tracker_benchmark SEQUENCE [CAMERA.yaml] [--frames FILE.csv]\n"), 2;
+  }
+  return raysfm::run(words[0], words.size() > 1 ? words[1] : "", frames);
 }

@@ -148,6 +148,12 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
       {"free-cameras", "key frames that a local adjustment moves", &o.free_cameras, {}},
       {"window", "key frames that a local adjustment observes", &o.window, {}},
       {"global-until", "key frames up to which everything is adjusted", &o.global_until, {}},
+      {"paper-window",
+       "local adjustments as LBA09 2.5 has them, for experiments: nothing older than the window is observed, "
+       "which "
+       "may be as small as --free-cameras",
+       &o.paper_window,
+       {}},
   };
 }
 

@@ -9,8 +9,12 @@ Result<void> validate(const LocalBundleOptions& options) {
   if (options.free_cameras < 1) {
     return bad_input("free-cameras: " + std::to_string(options.free_cameras) + ": must be at least 1");
   }
+  if (options.may_free_scale && options.window < options.free_cameras) {
+    return bad_input("window: " + std::to_string(options.window) +
+                     ": must be at least free-cameras = " + std::to_string(options.free_cameras));
+  }
   const int64_t least_window = int64_t{options.free_cameras} + 2;
-  if (options.window < least_window) {
+  if (!options.may_free_scale && options.window < least_window) {
     return bad_input("window: " + std::to_string(options.window) +
                      ": must be at least free-cameras + 2 = " + std::to_string(least_window) +
                      ", or the frame and the scale at the end of the sequence are free");

@@ -19,6 +19,8 @@ TEST(LocalBundle, RefusesAWindowThatLeavesTheScaleFree) {
                   ": must be at least free-cameras + 2 = 5, or the frame and the scale at "
                   "the end of the sequence are free");
   }
+  EXPECT_TRUE(validate({.free_cameras = 3, .window = 3, .may_free_scale = true}).ok());
+  EXPECT_FALSE(validate({.free_cameras = 3, .window = 2, .may_free_scale = true}).ok());
   EXPECT_FALSE(validate({.free_cameras = 0}).ok());
   EXPECT_FALSE(validate({.free_cameras = INT_MAX, .window = INT_MAX}).ok());
   EXPECT_FALSE(validate({.global_until = -1}).ok());

@@ -390,7 +390,7 @@ void Mapper::choose_window(const Map& map, int first_observed) {
     if (shared[k] >= kMinShared) older.push_back({shared[k], k});
   }
   std::sort(older.begin(), older.end(), std::greater<>());
-  older.resize(std::min<size_t>(older.size(), kMaxOlder));
+  older.resize(options_.paper_window ? 0 : std::min<size_t>(older.size(), kMaxOlder));
   window_keyframes_.clear();
   for (const auto& [points, k] : older) window_keyframes_.push_back(k);
   std::sort(window_keyframes_.begin(), window_keyframes_.end());
@@ -490,7 +490,7 @@ void Mapper::adjust(const LocalWindow& window, const BundleOptions& first, const
 void Mapper::adjust_locally(Map* map) {
   ScopedTimer timer(adjust_timing);
   const int count = static_cast<int>(map->keyframes.size());
-  const bool all_is_due = count <= kAlwaysGlobal || count % kGlobalEvery == 0;
+  const bool all_is_due = options_.paper_window || count <= kAlwaysGlobal || count % kGlobalEvery == 0;
   adjust(
       local_window(count, {options_.free_cameras, options_.window, all_is_due ? options_.global_until : 0}),
       kFirstSteps, kLocalAdjustment, map);

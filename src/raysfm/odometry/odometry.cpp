@@ -91,6 +91,11 @@ Rigid3 part_of(const Rigid3& motion, double part) {
   return {Eigen::Quaterniond(Eigen::AngleAxisd(part * turn.angle(), turn.axis())), part * motion.translation};
 }
 
+// Angles as they are shrink as the focal length grows, so that they tell none: it would only get longer.
+LensRefinement refinement_of(const OdometryOptions& options) {
+  return options.error == ErrorMeasure::kAngularPlain ? LensRefinement::kOff : options.refine_lens;
+}
+
 // Where nobody listens.
 TrackerObserver& nobody() {
   static TrackerObserver observer;
@@ -107,7 +112,7 @@ Odometry::Odometry(Rig rig, const OdometryOptions& options, TrackerObserver* obs
       localiser_(rig_, options_),
       mapper_(rig_, options_),
       places_(rig_, options_.seed),
-      refiner_(rig_.rig(), options_.refine_lens, options_.calibration_prior),
+      refiner_(rig_.rig(), refinement_of(options_), options_.calibration_prior),
       turner_(rig_) {
   starter_.emplace(rig_, options_);
 }

@@ -27,7 +27,11 @@ Result<void> validate(const OdometryOptions& o) {
   if (o.features > kMaxFeatures) {
     return bad_input(fmt::format("--features = {}: must be at most {}", o.features, kMaxFeatures));
   }
-  return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until});
+  if (o.error == ErrorMeasure::kAngularPlain && o.refine_lens == LensRefinement::kOn) {
+    return bad_input(
+        "--refine-lens = on: must be auto or off with --error angular-plain, which tells no lens");
+  }
+  return validate(LocalBundleOptions{o.free_cameras, o.window, o.global_until, o.paper_window});
 }
 
 }  // namespace raysfm

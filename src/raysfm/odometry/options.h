@@ -23,6 +23,9 @@ struct OdometryOptions {
   int global_until = 20;   // N_f, key frames up to which everything is refined; >= 3
   int min_matches = 400;   // M of 2.2 and 2.4; scaled down where images have fewer corners; >= 30
   int min_matches3 = 300;  // M' of 2.2
+  // Local adjustments as in 2.5 to the letter: all key frames up to N_f with each of them, then N and none
+  // that is older; N may be n or n + 1, which leaves the scale at the end free (5.3).
+  bool paper_window = false;
   ErrorMeasure error = ErrorMeasure::kAuto;
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   LensRefinement refine_lens = LensRefinement::kAuto;

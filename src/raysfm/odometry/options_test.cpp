@@ -22,6 +22,19 @@ TEST(OdometryOptions, AWindowThatLeavesTheScaleFreeIsRefusedWithTheReason) {
   }
   options.window = 5;
   EXPECT_TRUE(validate(options).ok());
+  options.window = 3;
+  options.paper_window = true;  // asked for, to see it fail
+  EXPECT_TRUE(validate(options).ok());
+}
+
+TEST(OdometryOptions, PlainAnglesDoNotRefineTheLens) {
+  OdometryOptions options;
+  options.error = ErrorMeasure::kAngularPlain;
+  EXPECT_TRUE(validate(options).ok());
+  options.refine_lens = LensRefinement::kOn;
+  EXPECT_NE(validate(options).error().message.find("--refine-lens = on"), std::string::npos);
+  options.error = ErrorMeasure::kAngular;
+  EXPECT_TRUE(validate(options).ok());
 }
 
 TEST(OdometryOptions, TooSmallNumbersNameTheirFlag) {
