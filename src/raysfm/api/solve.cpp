@@ -9,6 +9,7 @@
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_result.h"
+#include "raysfm/api/solve_stretches.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
@@ -175,6 +176,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   const SolveCallbacks once = callbacks.ready_once();
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
+  join_stretches(settings, callbacks, &*input);
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_input(&*input, settings, callbacks);
   // A few images that do not go well as a video may go better as photos.

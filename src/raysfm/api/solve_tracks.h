@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/features/descriptor.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/corner_aligner.h"
 #include "raysfm/matching/pair_tracker.h"
@@ -41,12 +42,15 @@ class TrackJoiner {
   bool keyframe_needed(int matched) const;
   void follow(const Followed& followed, const CameraView& camera, std::vector<Sighting>* sightings);
   void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
+  void describe(const CameraView& camera, const std::vector<Sighting>& sightings);
 
   SolveInput input_;
   int keyframes_ = 0;
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track
   CornerAligner aligner_;
+  Describer describer_;
+  DescriptorSet descriptors_;
   std::vector<int> matched_;  // corners of the base
   std::vector<Eigen::Vector2f> in_base_, in_frame_;
   std::vector<uint8_t> octaves_;  // of in_frame_
