@@ -135,6 +135,55 @@ void set_times(Clock::time_point start, double read_s, SolveResult* result) {
   report.peak_rss_mib = peak_rss_mib();
 }
 
+// Images in order that are no few photos.
+bool is_video(const SolveSettings& settings, const SolveInput& input) {
+  return input.in_order && !is_tracks_file(settings.input) && input.tracks.image_count > kFewImages;
+}
+
+// Whether more than a few key frames are left out.
+bool is_incomplete(const SolveInput& input, const UncalibratedReconstruction& found) {
+  constexpr double kMostLeftOut = 0.05;
+  int keyframes = 0, left_out = 0;
+  for (size_t j = 0; j < input.keyframe.size(); ++j) {
+    keyframes += input.keyframe[j];
+    left_out += input.keyframe[j] && !found.image_posed[j];
+  }
+  return left_out > kMostLeftOut * keyframes;
+}
+
+// The same, and where that leaves key frames of a video out again with what joins its stretches. `input`
+// becomes what the reconstruction is of.
+Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, const SolveSettings& settings,
+                                                         const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
+  std::optional<SolveInput> joined = joined_stretches(*input, found ? &*found : nullptr, settings, callbacks);
+  if (!joined) return found;
+  Result<UncalibratedReconstruction> other = reconstruct_input(&*joined, settings, callbacks);
+  if (!(posed_share(other) > posed_share(found))) return found;
+  *input = *std::move(joined);
+  return other;
+}
+
+// A few images that do not go well as a video may go better as photos.
+Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, SolveInput* input,
+                           Result<UncalibratedReconstruction>* found) {
+  if (settings.images != "auto" || is_tracks_file(settings.input) || !input->in_order ||
+      input->tracks.image_count > kFewImages || callbacks.stopped() || !(posed_share(*found) < kGoodShare)) {
+    return {};
+  }
+  tell(callbacks.event, Event::Level::kInfo,
+       *found ? "as a video few of the images have a pose, now tried as photos"
+              : "not solved as a video, now tried as photos: " + found->error().message);
+  Result<SolveInput> photos = tracks_from_photos(settings, callbacks);
+  if (!photos) return photos.error();
+  Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
+  if (posed_share(other) >= posed_share(*found)) {
+    *input = *std::move(photos);
+    *found = std::move(other);
+  }
+  return {};
+}
+
 }  // namespace
 
 std::vector<SettingField> setting_fields(SolveSettings& s) {
@@ -176,26 +225,19 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   const SolveCallbacks once = callbacks.ready_once();
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
-  join_stretches(settings, callbacks, &*input);
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct_input(&*input, settings, callbacks);
-  // A few images that do not go well as a video may go better as photos.
-  if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
-      input->tracks.image_count <= kFewImages && !callbacks.stopped() && posed_share(found) < kGoodShare) {
-    tell(callbacks.event, Event::Level::kInfo,
-         found ? "as a video few of the images have a pose, now tried as photos"
-               : "not solved as a video, now tried as photos: " + found.error().message);
-    Result<SolveInput> photos = tracks_from_photos(settings, once);
-    if (!photos) return photos.error();
-    Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
-    if (posed_share(other) >= posed_share(found)) {
-      input = std::move(photos);
-      found = std::move(other);
-    }
-  }
+  Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
+  if (auto r = try_as_photos(settings, once, &*input, &found); !r) return r.error();
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
+  std::optional<SolveResult> tracked;
+  if (is_video(settings, *input) && is_incomplete(*input, *found) && !callbacks.stopped()) {
+    Result<std::optional<SolveResult>> r = tracked_with_lens(*input, *found, settings, callbacks);
+    if (!r) return r.error();
+    tracked = *std::move(r);
+  }
   const bool interrupted = input->interrupted || callbacks.stopped();
-  SolveResult result = solve_result(*input, *std::move(found), settings, interrupted);
+  SolveResult result =
+      tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), settings, interrupted);
   warn(result, callbacks.event);
   set_times(start, read_s, &result);
   return result;

@@ -17,6 +17,10 @@ constexpr size_t kFollowed = 3;  // key frames
 // part of the corners is found again.
 constexpr float kKeyframeMotion = 0.05f;
 constexpr double kKeyframeShare = 0.5;
+// An image with fewer corners is no key frame: black, or blurred. One with so many times the corners of the
+// newest key frame is the next.
+constexpr int kLeastCorners = 30;
+constexpr int kManyMore = 4;
 
 void keep_seen_twice(SolveInput* input) {
   PointTracks& tracks = input->tracks;
@@ -58,9 +62,12 @@ CameraInput corners_of(const GrayImage& mask, int features) {
 
 }  // namespace
 
-bool TrackJoiner::keyframe_needed(int matched) const {
+bool TrackJoiner::keyframe_needed(const CameraView& camera, int matched) const {
+  if (camera.features.size() < kLeastCorners) return false;
+  if (followed_.empty()) return true;
   const PairTracker& newest = followed_.front().tracker;
   const CameraView& base = newest.base();
+  if (camera.features.size() > kManyMore * base.features.size()) return true;
   return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.width) ||
          matched < kKeyframeShare * base.features.size();
 }
@@ -90,7 +97,8 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
 void TrackJoiner::describe(const CameraView& camera, const std::vector<Sighting>& sightings) {
   describer_.describe(*camera.octaves, camera.features.pixels, camera.features.octaves, &descriptors_);
   std::vector<std::pair<int, int>> order;  // (track, place among the descriptors)
-  for (int i = 0; i < descriptors_.size(); ++i) order.emplace_back(sightings[descriptors_.corners[i]].track, i);
+  for (int i = 0; i < descriptors_.size(); ++i)
+    order.emplace_back(sightings[descriptors_.corners[i]].track, i);
   std::ranges::sort(order);
   DescribedImage& image = input_.described.emplace_back();
   image.image = frames() - 1;
@@ -140,7 +148,7 @@ void TrackJoiner::add(const ViewPtr& view) {
     if (&followed == &followed_.front()) matched_with_newest = matched;
     follow(followed, camera, &sightings);
   }
-  if (followed_.empty() || keyframe_needed(matched_with_newest)) {
+  if (keyframe_needed(camera, matched_with_newest)) {
     make_keyframe(view, std::move(sightings));
   }
 }

@@ -39,7 +39,7 @@ class TrackJoiner {
     Eigen::Vector2f place = Eigen::Vector2f::Zero();
   };
 
-  bool keyframe_needed(int matched) const;
+  bool keyframe_needed(const CameraView& camera, int matched) const;
   void follow(const Followed& followed, const CameraView& camera, std::vector<Sighting>* sightings);
   void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
   void describe(const CameraView& camera, const std::vector<Sighting>& sightings);

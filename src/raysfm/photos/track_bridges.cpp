@@ -12,13 +12,12 @@
 namespace raysfm {
 namespace {
 
-constexpr int kFewShared = 20;  // points: images that share fewer are of two stretches
-constexpr int kLooksBack = 3;   // images before one that may share points with it
-constexpr int kMostAlikePlaces = 6;  // that an image is compared with
+constexpr double kTied = 0.3;  // of the points of one of two images, which the other sees too
+constexpr int kInTurn = 4;     // images after one that it is compared with, and so many that look like it
+constexpr int kMostAlikePlaces = 6;
 constexpr double kProminentVotes = 5;  // standard deviations above what chance gives
-constexpr int kAtEnds = 3;           // images of a stretch that are compared with as many of the next
 constexpr float kMaxDescriptorRatio = 0.85F;
-constexpr int kBridgeSamples = 1000, kBridgeSample = 8;
+constexpr int kBridgeSamples = 500, kBridgeSample = 8;
 constexpr int kLeastAgreeing = 20;
 constexpr double kSureBridge = -12;  // logarithm to base 10 of the false alarms
 constexpr int kCells = 24;           // across the image: what agrees within one counts once
@@ -26,25 +25,58 @@ constexpr int kCells = 24;           // across the image: what agrees within one
 // A pair of described images, by their places in the list.
 using Pair = std::pair<int, int>;
 
-void add_ends(std::span<const int> stretch, std::vector<Pair>* pairs) {
-  for (size_t b = 1; b < stretch.size(); ++b) {
-    if (stretch[b] == stretch[b - 1]) continue;
-    for (size_t i = b; i < std::min(b + kAtEnds, stretch.size()) && stretch[i] == stretch[b]; ++i) {
-      for (size_t a = b; a-- > 0 && a + kAtEnds >= b && stretch[a] == stretch[b - 1];) {
-        pairs->emplace_back(a, i);
-      }
+// How many points of each described image the one of number `of` sees; what it shares with itself is all.
+class SharedPoints {
+ public:
+  SharedPoints(const PointTracks& tracks, std::span<const DescribedImage> described)
+      : tracks_(tracks), described_(described), observations_(tracks), images_of_(tracks.point_count) {
+    std::vector<int> number(tracks.image_count, -1);
+    for (size_t j = 0; j < described.size(); ++j) number[described[j].image] = static_cast<int>(j);
+    for (int k = 0; k < tracks.size(); ++k) {
+      if (number[tracks.image[k]] >= 0) images_of_[tracks.point[k]].push_back(number[tracks.image[k]]);
     }
   }
+  int seen_by(int j) const { return observations_.count(described_[j].image); }
+  std::vector<int> counts(int of) const {
+    std::vector<int> shared(described_.size(), 0);
+    const int image = described_[of].image;
+    for (const int* k = observations_.begin(image); k != observations_.end(image); ++k) {
+      for (const int j : images_of_[tracks_.point[*k]]) ++shared[j];
+    }
+    return shared;
+  }
+
+ private:
+  const PointTracks& tracks_;
+  const std::span<const DescribedImage> described_;
+  const ImageObservations observations_;
+  std::vector<std::vector<int>> images_of_;  // of each point, as numbers of described images
+};
+
+// Images that one need not be compared with: itself, and those that many tracks tie to it.
+std::vector<uint8_t> tied_to(const SharedPoints& points, int of) {
+  const std::vector<int> shared = points.counts(of);
+  std::vector<uint8_t> tied;
+  for (int j = 0; j < static_cast<int>(shared.size()); ++j) {
+    tied.push_back(j == of || shared[j] > kTied * std::min(points.seen_by(of), points.seen_by(j)));
+  }
+  return tied;
 }
 
-std::vector<Pair> likely_pairs(std::span<const DescribedImage> described, std::span<const int> stretch,
-                               ThreadPool* pool) {
+std::vector<Pair> likely_pairs(const PointTracks& tracks, std::span<const DescribedImage> described,
+                               std::span<const uint8_t> is_posed, ThreadPool* pool) {
+  const SharedPoints points(tracks, described);
   PlaceIndex index;
   for (const DescribedImage& image : described) index.add(image.descriptors);
-  std::vector<std::vector<Pair>> of_image(described.size());
-  pool->parallel_for(static_cast<int>(described.size()), [&](int j) {
-    std::vector<uint8_t> skip;
-    for (const int other : stretch) skip.push_back(other == stretch[j]);
+  const int count = static_cast<int>(described.size());
+  const auto posed = [&](int j) { return !is_posed.empty() && is_posed[described[j].image]; };
+  std::vector<std::vector<Pair>> of_image(count);
+  pool->parallel_for(count, [&](int j) {
+    std::vector<uint8_t> skip = tied_to(points, j);
+    for (int i = 0; i < count; ++i) skip[i] = skip[i] || (posed(i) && posed(j));
+    for (int i = j + 1; i <= std::min(j + kInTurn, count - 1); ++i) {
+      if (!skip[i]) of_image[j].emplace_back(j, i);
+    }
     for (const PlaceVotes& v : index.search(described[j].descriptors, skip, kMostAlikePlaces)) {
       if (v.votes < v.by_chance + kProminentVotes * std::sqrt(v.by_chance)) continue;
       of_image[j].push_back(std::minmax(j, v.place));
@@ -52,7 +84,6 @@ std::vector<Pair> likely_pairs(std::span<const DescribedImage> described, std::s
   });
   std::vector<Pair> pairs;
   for (const auto& some : of_image) pairs.insert(pairs.end(), some.begin(), some.end());
-  add_ends(stretch, &pairs);
   std::ranges::sort(pairs);
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   return pairs;
@@ -90,56 +121,49 @@ double chance_of_agreement(const Eigen::Vector2d& image_size, double max_error_p
   return std::min(0.5, 2 * max_error_px * image_size.norm() / image_size.prod());
 }
 
-}  // namespace
-
-std::vector<int> stretches_of(const PointTracks& tracks, std::span<const int> images) {
-  const ImageObservations observations(tracks);
-  std::vector<int> stretch(images.size(), 0);
-  for (size_t j = 1; j < images.size(); ++j) {
-    bool goes_on = false;
-    for (size_t d = 1; d <= std::min<size_t>(j, kLooksBack) && !goes_on; ++d) {
-      goes_on = stretch[j - d] == stretch[j - 1] &&
-                std::ssize(observations.matches(images[j - d], images[j]).points) >= kFewShared;
-    }
-    stretch[j] = stretch[j - 1] + (goes_on ? 0 : 1);
+// Numbers of the matches that agree with one epipolar geometry; none where that may be by chance.
+std::vector<int> agreeing_matches(const PairMatches& matches, const Eigen::Vector2d& image_size,
+                                  double max_error_px, uint64_t seed, uint64_t stream,
+                                  double* log10_false_alarms) {
+  std::vector<int> agreeing;
+  ViewPair pair;
+  if (std::ssize(matches.a) < kLeastAgreeing) return agreeing;
+  if (!fundamental_ransac(matches, max_error_px, kBridgeSamples, seed, stream, &pair)) return agreeing;
+  if (pair.inliers < kLeastAgreeing) return agreeing;
+  *log10_false_alarms =
+      log10_chance_poses(static_cast<int>(matches.a.size()), cells_agreeing(pair, image_size.x()),
+                         chance_of_agreement(image_size, max_error_px), kBridgeSample);
+  if (*log10_false_alarms > kSureBridge) return agreeing;
+  for (size_t m = 0; m < pair.inlier.size(); ++m) {
+    if (pair.inlier[m]) agreeing.push_back(static_cast<int>(m));
   }
-  return stretch;
+  return agreeing;
 }
 
+}  // namespace
+
 std::vector<TrackBridge> find_bridges(const PointTracks& tracks, std::span<const DescribedImage> described,
-                                      double max_error_px, uint64_t seed, const std::atomic<bool>* stop,
-                                      ThreadPool* pool) {
-  std::vector<int> images;
-  for (const DescribedImage& image : described) images.push_back(image.image);
-  const std::vector<int> stretch = stretches_of(tracks, images);
-  if (stretch.empty() || stretch.back() == 0) return {};
-  const std::vector<Pair> pairs = likely_pairs(described, stretch, pool);
+                                      std::span<const uint8_t> is_posed, double max_error_px, uint64_t seed,
+                                      const std::atomic<bool>* stop, ThreadPool* pool) {
+  const std::vector<Pair> pairs = likely_pairs(tracks, described, is_posed, pool);
   const std::vector<std::vector<Eigen::Vector2d>> pixels = pixels_of(tracks, described);
-  const double chance = chance_of_agreement(tracks.image_size, max_error_px);
   std::vector<TrackBridge> bridges(pairs.size());
   pool->parallel_for(static_cast<int>(pairs.size()), [&](int i) {
     if (stop && stop->load()) return;
     const auto [a, b] = pairs[i];
     std::vector<DescriptorMatch> alike;
     match_descriptors(described[a].descriptors, described[b].descriptors, kMaxDescriptorRatio, &alike);
-    if (std::ssize(alike) < kLeastAgreeing) return;
     PairMatches matches;
     for (size_t m = 0; m < alike.size(); ++m) {
       matches.points.push_back(static_cast<int>(m));
       matches.a.push_back(pixels[a][alike[m].query]);
       matches.b.push_back(pixels[b][alike[m].train]);
     }
-    ViewPair pair;
-    const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
-    if (!fundamental_ransac(matches, max_error_px, kBridgeSamples, seed, stream, &pair)) return;
     TrackBridge& bridge = bridges[i];
-    bridge.images[0] = images[a], bridge.images[1] = images[b];
-    bridge.log10_false_alarms =
-        log10_chance_poses(static_cast<int>(alike.size()), cells_agreeing(pair, tracks.image_size.x()),
-                           chance, kBridgeSample);
-    if (pair.inliers < kLeastAgreeing || bridge.log10_false_alarms > kSureBridge) return;
-    for (size_t m = 0; m < alike.size(); ++m) {
-      if (!pair.inlier[m]) continue;
+    bridge.images[0] = described[a].image, bridge.images[1] = described[b].image;
+    const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
+    for (const int m : agreeing_matches(matches, tracks.image_size, max_error_px, seed, stream,
+                                        &bridge.log10_false_alarms)) {
       bridge.same.emplace_back(described[a].points[alike[m].query], described[b].points[alike[m].train]);
     }
   });

@@ -19,7 +19,7 @@ struct DescribedImage {
   std::vector<Descriptor> descriptors;  // one per point
 };
 
-// Two images of different stretches of a video that show one place.
+// Two images of a video that show one place, though tracks hardly tell so.
 struct TrackBridge {
   int images[2] = {-1, -1};               // the earlier one first
   std::vector<std::pair<int, int>> same;  // points of each that are one
@@ -27,17 +27,14 @@ struct TrackBridge {
   double log10_false_alarms = 0;
 };
 
-// The stretch of each of `images`, which are in the order of time: a new one begins where an image hardly sees
-// a point of the few images before it.
-std::vector<int> stretches_of(const PointTracks& tracks, std::span<const int> images);
-
-// Bridges between the stretches of a video: of images that look alike, and of those at the ends of stretches
-// that follow each other, the pairs of which far more points agree with an epipolar geometry than would by
-// chance. `described`: in the order of time. In the order of their images, the same on any number of threads.
+// Bridges where tracks do not tie a video together: of images that look alike, or that follow one another,
+// but share few points, the pairs of which far more points agree with an epipolar geometry than would by
+// chance. `described`: in the order of time. `is_posed`: one per image of the tracks, 1 for those that need
+// no bridge to one another; empty: none is. In the order of their images, the same on any number of threads.
 // `stop`: set or null; there are none then.
 std::vector<TrackBridge> find_bridges(const PointTracks& tracks, std::span<const DescribedImage> described,
-                                      double max_error_px, uint64_t seed, const std::atomic<bool>* stop,
-                                      ThreadPool* pool);
+                                      std::span<const uint8_t> is_posed, double max_error_px, uint64_t seed,
+                                      const std::atomic<bool>* stop, ThreadPool* pool);
 
 // Makes one of the points that bridges tell are one, the surest first, unless an image sees both. The value
 // is the new number of each point, of which there are fewer.
