@@ -304,7 +304,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                      std::to_string(tracks.image_count));
   }
   HopelessMotion hopeless;
-  if (video.in_order) {
+  if (video.in_order && !video.motion_is_known) {
     hopeless = hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
   }
   if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
