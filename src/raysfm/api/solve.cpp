@@ -65,7 +65,8 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
 
 // Photos may see one another in any order; images of a video see their neighbours.
 Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, const SolveSettings& settings,
-                                                    SolveOptions options, bool motion_is_known,
+                                                    SolveOptions options,
+                                                    const UncalibratedReconstruction* start,
                                                     const SolveCallbacks& callbacks) {
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
@@ -75,7 +76,7 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
   const bool many = photos && input.tracks.image_count > kMostInAllPairs;
   if (compared && !many) return reconstruct(input.tracks, options);
   VideoOptions video{.in_order = !many,
-                     .motion_is_known = motion_is_known,
+                     .start = start,
                      .threads = thread_count(settings.threads),
                      .progress = {},
                      .stop = callbacks.stop};
@@ -94,22 +95,21 @@ std::string contradiction_with(const ExifLens& said, const Result<UncalibratedRe
   return contradiction(said, found->scene.lenses[posed - found->image_posed.begin()].fx);
 }
 
-// With the focal length that all photos are said to have, if it holds. `motion_is_known`: see VideoOptions.
+// With the focal length that all photos are said to have, if it holds. `start`: see VideoOptions.
 Result<UncalibratedReconstruction> reconstruct_input(SolveInput* input, const SolveSettings& settings,
                                                      const SolveCallbacks& callbacks,
-                                                     bool motion_is_known = false) {
+                                                     const UncalibratedReconstruction* start = nullptr) {
   const SolveOptions options = options_of(settings, callbacks.stop);
   ExifLens* said = lens_to_use(&input->exif);
-  if (!said) return reconstruct_with(*input, settings, options, motion_is_known, callbacks);
+  if (!said) return reconstruct_with(*input, settings, options, start, callbacks);
   SolveOptions with_focal = options;
   with_focal.focal = said->focal_px, with_focal.focal_sigma = said->focal_sigma_px;
-  Result<UncalibratedReconstruction> found =
-      reconstruct_with(*input, settings, with_focal, motion_is_known, callbacks);
+  Result<UncalibratedReconstruction> found = reconstruct_with(*input, settings, with_focal, start, callbacks);
   if (callbacks.stopped()) return found;
   said->not_used = contradiction_with(*said, found);
   if (said->not_used.empty()) return found;
   tell_exif({said, 1}, callbacks.event);
-  return reconstruct_with(*input, settings, options, motion_is_known, callbacks);
+  return reconstruct_with(*input, settings, options, start, callbacks);
 }
 
 // 0 without a reconstruction.
@@ -162,11 +162,13 @@ bool is_incomplete(const SolveInput& input, const UncalibratedReconstruction& fo
 Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, const SolveSettings& settings,
                                                          const SolveCallbacks& callbacks) {
   Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
-  std::optional<SolveInput> joined = joined_stretches(*input, found ? &*found : nullptr, settings, callbacks);
+  std::optional<JoinedStretches> joined =
+      joined_stretches(*input, found ? &*found : nullptr, settings, callbacks);
   if (!joined) return found;
-  Result<UncalibratedReconstruction> other = reconstruct_input(&*joined, settings, callbacks, found.ok());
+  Result<UncalibratedReconstruction> other =
+      reconstruct_input(&joined->input, settings, callbacks, joined->start ? &*joined->start : nullptr);
   if (!(posed_share(other) > posed_share(found))) return found;
-  *input = *std::move(joined);
+  *input = std::move(joined->input);
   return other;
 }
 

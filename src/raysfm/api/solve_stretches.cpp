@@ -20,11 +20,22 @@ constexpr double kUsableFocal = 0.1;  // standard deviation of a focal length to
 constexpr int kLeastFeatures = 50;    // that can be tracked
 
 // Numbers all that is kept of points as join_points() did.
-void renumber(const std::vector<int>& number, SolveInput* input) {
-  std::vector<std::array<uint8_t, 3>> rgb(input->tracks.point_count);
-  for (size_t i = number.size(); i-- > 0;) rgb[number[i]] = input->rgb[i];
-  input->rgb = std::move(rgb);
-  input->described.clear();
+void renumber(const std::vector<int>& number, JoinedStretches* joined) {
+  SolveInput& input = joined->input;
+  std::vector<std::array<uint8_t, 3>> rgb(input.tracks.point_count);
+  for (size_t i = number.size(); i-- > 0;) rgb[number[i]] = input.rgb[i];
+  input.rgb = std::move(rgb);
+  input.described.clear();
+  if (!joined->start) return;
+  std::vector<Eigen::Vector3d> points(input.tracks.point_count, Eigen::Vector3d::Zero());
+  std::vector<uint8_t> placed(input.tracks.point_count, 0);
+  for (size_t i = number.size(); i-- > 0;) {
+    if (!joined->start->point_placed[i]) continue;
+    points[number[i]] = joined->start->scene.points[i];
+    placed[number[i]] = 1;
+  }
+  joined->start->scene.points = std::move(points);
+  joined->start->point_placed = std::move(placed);
 }
 
 bool left_keyframes_out(const SolveInput& input, const UncalibratedReconstruction* found) {
@@ -67,11 +78,13 @@ SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
 
 }  // namespace
 
-std::optional<SolveInput> joined_stretches(const SolveInput& input, const UncalibratedReconstruction* found,
-                                           const SolveSettings& settings, const SolveCallbacks& callbacks) {
+std::optional<JoinedStretches> joined_stretches(const SolveInput& input,
+                                                const UncalibratedReconstruction* found,
+                                                const SolveSettings& settings,
+                                                const SolveCallbacks& callbacks) {
   if (input.described.empty() || callbacks.stopped() || !left_keyframes_out(input, found)) return {};
   StageTiming time;
-  SolveInput joined;
+  JoinedStretches joined;
   {
     const ScopedTimer timer(time);
     ThreadPool pool(thread_count(settings.threads) - 1);
@@ -80,12 +93,13 @@ std::optional<SolveInput> joined_stretches(const SolveInput& input, const Uncali
     const std::vector<TrackBridge> bridges = find_bridges(
         input.tracks, input.described, posed, settings.max_error, settings.seed, callbacks.stop, &pool);
     if (bridges.empty()) return {};
-    joined = input;
-    renumber(join_points(bridges, &joined.tracks), &joined);
+    joined.input = input;
+    if (found) joined.start = *found;
+    renumber(join_points(bridges, &joined.input.tracks), &joined);
     tell(callbacks.event, Event::Level::kInfo,
          fmt::format("tracks are broken: {} pairs of key frames see the same places", bridges.size()));
   }
-  joined.stages.emplace_back("join", time);
+  joined.input.stages.emplace_back("join", time);
   return joined;
 }
 

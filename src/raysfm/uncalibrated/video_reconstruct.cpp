@@ -229,6 +229,23 @@ Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe
              : finish_lenses(tracks, keyframe, options, control, growth, result);
 }
 
+// Goes on from a reconstruction of a part.
+Result<UncalibratedReconstruction> extend(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                          const SolveOptions& options, const GrowthControl& control,
+                                          const UncalibratedReconstruction& start) {
+  UncalibratedReconstruction result = start;
+  result.zooming = options.lens == LensChange::kZoom;
+  if (result.zooming) result.radial = {};  // looked for anew
+  const PointTracks ideal = ideal_tracks(tracks, result);
+  // What is between key frames is posed again when all is there.
+  for (int k = 0; k < tracks.size(); ++k) result.inlier[k] &= keyframe[tracks.image[k]];
+  for (size_t j = 0; j < keyframe.size(); ++j) result.image_posed[j] &= keyframe[j];
+  VideoGrowth growth(ideal, keyframe, options, &result);
+  if (auto grown = growth.grow(control); !grown) return grown.error();
+  if (auto r = finish(tracks, keyframe, options, control, &growth, &result); !r) return r.error();
+  return result;
+}
+
 Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                                          const SolveOptions& options, const GrowthControl& control,
                                          bool in_order) {
@@ -248,6 +265,22 @@ Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<co
   return result;
 }
 
+// Whether a lens for each image poses far more images than one lens does, since focal lengths differ.
+bool goes_much_further(const Result<UncalibratedReconstruction>& fixed,
+                       const Result<UncalibratedReconstruction>& zoom) {
+  constexpr double kFarMore = 1.1, kLeastSpread = 0.03;
+  if (!fixed || !zoom) return false;
+  double least = INFINITY, most = 0;
+  for (size_t j = 0; j < zoom->image_posed.size(); ++j) {
+    if (!zoom->image_posed[j]) continue;
+    least = std::min(least, zoom->scene.lenses[j].fx);
+    most = std::max(most, zoom->scene.lenses[j].fx);
+  }
+  return double(std::ranges::count(zoom->image_posed, 1)) >
+             kFarMore * double(std::ranges::count(fixed->image_posed, 1)) &&
+         std::log(most / least) > kLeastSpread;
+}
+
 // The same video with one lens and with a lens for each image, side by side, and which of them it is.
 Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                                               const SolveOptions& options, const VideoOptions& video,
@@ -264,8 +297,14 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
       posed[i] = count;
       if (video.progress) video.progress(std::min(posed[0], posed[1]), keyframes);
     };
-    found[i] = build(tracks, keyframe, own, {progress, video.stop}, video.in_order);
+    const GrowthControl control{progress, video.stop};
+    found[i] = video.start ? extend(tracks, keyframe, own, control, *video.start)
+                           : build(tracks, keyframe, own, control, video.in_order);
   });
+  if (video.start && goes_much_further(found[0], found[1])) {
+    found[1]->lens_evidence = "far more images agree with a lens for each image than with one for all";
+    return std::move(found[1]);
+  }
   return choose_lens(tracks, keyframe, std::move(found[0]), std::move(found[1]), options.max_error_px,
                      video.in_order ? ErrorRelation::kAlongTracks : options.errors);
 }
@@ -276,7 +315,9 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
   const auto progress = [&](int posed) {
     if (video.progress) video.progress(posed, keyframes);
   };
-  return build(tracks, keyframe, options, {progress, video.stop}, video.in_order);
+  const GrowthControl control{progress, video.stop};
+  return video.start ? extend(tracks, keyframe, options, control, *video.start)
+                     : build(tracks, keyframe, options, control, video.in_order);
 }
 
 // Standard deviations, and the images that are no key frames.
@@ -304,7 +345,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                      std::to_string(tracks.image_count));
   }
   HopelessMotion hopeless;
-  if (video.in_order && !video.motion_is_known) {
+  if (video.in_order && !video.start) {
     hopeless = hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
   }
   if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);

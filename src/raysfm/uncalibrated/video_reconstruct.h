@@ -15,8 +15,9 @@ struct VideoOptions {
   // False: photos, of which one sees what any other may see. They start from a group that sees much of one
   // another in the place of a stretch.
   bool in_order = true;
-  bool motion_is_known = false;  // to tell lenses: it is not looked for motions that do not
-  int threads = 1;               // > 0; never changes a result
+  // A reconstruction of a part of the images to go on from; null: there is none.
+  const UncalibratedReconstruction* start = nullptr;
+  int threads = 1;  // > 0; never changes a result
   // Key frames with a pose, of all; one call at a time, from any thread.
   std::function<void(int posed, int keyframes)> progress = nullptr;
   const std::atomic<bool>* stop = nullptr;  // set: ends early with what there is
