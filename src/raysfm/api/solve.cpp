@@ -9,7 +9,6 @@
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_result.h"
-#include "raysfm/api/solve_stretches.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"

@@ -1,5 +1,3 @@
-#include "raysfm/api/solve_stretches.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -7,6 +5,7 @@
 
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/solve_result.h"
+#include "raysfm/api/solve_tracks.h"
 #include "raysfm/api/track.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/photos/track_bridges.h"

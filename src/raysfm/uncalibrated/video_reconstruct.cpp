@@ -265,20 +265,30 @@ Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<co
   return result;
 }
 
-// Whether a lens for each image poses far more images than one lens does, since focal lengths differ.
-bool goes_much_further(const Result<UncalibratedReconstruction>& fixed,
+// Whether a lens for each image poses far more images than one lens does, and those that it adds have surely
+// another focal length, and fit as well as the start does: where the motion does not tell lenses, a lens for
+// each image explains much that is wrong, but not well.
+bool goes_much_further(const UncalibratedReconstruction& start,
+                       const Result<UncalibratedReconstruction>& fixed,
                        const Result<UncalibratedReconstruction>& zoom) {
-  constexpr double kFarMore = 1.1, kLeastSpread = 0.03;
-  if (!fixed || !zoom) return false;
-  double least = INFINITY, most = 0;
+  constexpr double kFarMore = 1.1, kLeastChange = 0.05, kSigmas = 5, kWorse = 1.18;
+  if (!fixed || !zoom || zoom->rms_px > kWorse * start.rms_px) return false;
+  double sum = 0;
+  int posed_by_fixed = 0;
+  std::vector<double> changes, sigmas;
   for (size_t j = 0; j < zoom->image_posed.size(); ++j) {
-    if (!zoom->image_posed[j]) continue;
-    least = std::min(least, zoom->scene.lenses[j].fx);
-    most = std::max(most, zoom->scene.lenses[j].fx);
+    if (!fixed->image_posed[j]) continue;
+    sum += std::log(fixed->scene.lenses[j].fx);
+    ++posed_by_fixed;
   }
-  return double(std::ranges::count(zoom->image_posed, 1)) >
-             kFarMore * double(std::ranges::count(fixed->image_posed, 1)) &&
-         std::log(most / least) > kLeastSpread;
+  for (size_t j = 0; j < zoom->image_posed.size(); ++j) {
+    if (!zoom->image_posed[j] || fixed->image_posed[j]) continue;
+    const double focal = zoom->scene.lenses[j].fx;
+    changes.push_back(std::abs(std::log(focal) - sum / std::max(1, posed_by_fixed)));
+    sigmas.push_back(zoom->lens_sigma[j][0] / focal);
+  }
+  if (static_cast<double>(changes.size()) <= (kFarMore - 1) * posed_by_fixed) return false;
+  return median_of(&changes) > std::max(kLeastChange, kSigmas * median_of(&sigmas));
 }
 
 // The same video with one lens and with a lens for each image, side by side, and which of them it is.
@@ -301,7 +311,7 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
     found[i] = video.start ? extend(tracks, keyframe, own, control, *video.start)
                            : build(tracks, keyframe, own, control, video.in_order);
   });
-  if (video.start && goes_much_further(found[0], found[1])) {
+  if (video.start && goes_much_further(*video.start, found[0], found[1])) {
     found[1]->lens_evidence = "far more images agree with a lens for each image than with one for all";
     return std::move(found[1]);
   }
