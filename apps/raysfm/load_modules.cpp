@@ -124,11 +124,11 @@ Result<void> plot_boards(const BoardCalibration& calibration, const fs::path& pa
   return call(&PictureModule::plot_boards, calibration, path);
 }
 
-Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const VideoOptions& options) {
+Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const DecoderOptions& options) {
   return call(&VideoModule::open_video, path, options);
 }
 
-Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const VideoOptions& options) {
+Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const DecoderOptions& options) {
   return call(&VideoModule::open_device, path, options);
 }
 

@@ -67,22 +67,6 @@ CalibrationPrior prior_of(const UncalibratedReconstruction& found, int image, co
   return prior;
 }
 
-FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const SolveInput& stretch, int first_frame,
-                          double posed) {
-  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
-  const CalibrationPrior prior = prior_of(found, static_cast<int>(image), stretch.tracks, posed);
-  FoundLens lens{frame_lens(found.scene.lenses[image], found.radial).camera, prior, {}};
-  lens.camera.name = "camera";
-  lens.camera.width = static_cast<int>(stretch.tracks.image_size.x());
-  lens.camera.height = static_cast<int>(stretch.tracks.image_size.y());
-  lens.origin = {.source = "footage",
-                 .first_frame = first_frame,
-                 .last_frame = first_frame + static_cast<int>(stretch.names.size()) - 1,
-                 .focal = found.scene.lenses[image].fx,
-                 .focal_sigma = lens.prior.focal};
-  return lens;
-}
-
 // The key frames, without those between two that share enough points as they are.
 std::vector<int> chosen_keyframes(const SolveInput& stretch) {
   const PointTracks& tracks = stretch.tracks;
@@ -141,7 +125,7 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   if (posed < kLeastPosed || found->lens_sigma.empty()) {
     return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
   }
-  Telling telling{lens_of_stretch(*found, stretch, first_frame, posed), {}};
+  Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
   const double sigma = telling.lens->prior.focal;
   if (!(sigma <= kUsable)) {
     telling = {{}, fmt::format("the focal length is known to {:.0f} % only", 100 * sigma)};
@@ -217,6 +201,22 @@ Result<void> check_single(const TrackSettings& settings, const Input& input) {
 }
 
 }  // namespace
+
+FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
+                          double posed) {
+  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+  const CalibrationPrior prior = prior_of(found, static_cast<int>(image), tracks, posed);
+  FoundLens lens{frame_lens(found.scene.lenses[image], found.radial).camera, prior, {}};
+  lens.camera.name = "camera";
+  lens.camera.width = static_cast<int>(tracks.image_size.x());
+  lens.camera.height = static_cast<int>(tracks.image_size.y());
+  lens.origin = {.source = "footage",
+                 .first_frame = first_frame,
+                 .last_frame = first_frame + tracks.image_count - 1,
+                 .focal = found.scene.lenses[image].fx,
+                 .focal_sigma = lens.prior.focal};
+  return lens;
+}
 
 Result<void> check_fov(const TrackSettings& settings) {
   if (settings.fov == 0) return {};

@@ -6,6 +6,7 @@
 #include "raysfm/api/track.h"
 #include "raysfm/calibration/rig_parameters.h"
 #include "raysfm/frames/frame_source.h"
+#include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {
 
@@ -15,6 +16,11 @@ struct FoundLens {
   CalibrationPrior prior;  // how far off it may be
   LensOrigin origin;
 };
+
+// The one lens that was found in the footage, from so large a part of the images that it was looked for in.
+// `first_frame`: that of the first image.
+FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
+                          double posed);
 
 // Bad input for a field of view out of range, or one that is told beside a camera file.
 Result<void> check_fov(const TrackSettings& settings);

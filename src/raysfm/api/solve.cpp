@@ -64,7 +64,9 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
 
 // Photos may see one another in any order; images of a video see their neighbours.
 Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, const SolveSettings& settings,
-                                                    SolveOptions options, const SolveCallbacks& callbacks) {
+                                                    SolveOptions options,
+                                                    const UncalibratedReconstruction* start,
+                                                    const SolveCallbacks& callbacks) {
   if (!input.structure.empty()) return reconstruct_known(input.tracks, input.structure, options);
   const bool all = std::ranges::count(input.keyframe, 1) == std::ssize(input.keyframe);
   const bool compared = !input.in_order || (all && input.tracks.image_count <= kFewImages);
@@ -72,8 +74,11 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
   if (photos) options.errors = ErrorRelation::kWithinImages;
   const bool many = photos && input.tracks.image_count > kMostInAllPairs;
   if (compared && !many) return reconstruct(input.tracks, options);
-  VideoOptions video{
-      .in_order = !many, .threads = thread_count(settings.threads), .progress = {}, .stop = callbacks.stop};
+  VideoOptions video{.in_order = !many,
+                     .start = start,
+                     .threads = thread_count(settings.threads),
+                     .progress = {},
+                     .stop = callbacks.stop};
   if (callbacks.progress) {
     video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }
@@ -89,20 +94,21 @@ std::string contradiction_with(const ExifLens& said, const Result<UncalibratedRe
   return contradiction(said, found->scene.lenses[posed - found->image_posed.begin()].fx);
 }
 
-// With the focal length that all photos are said to have, if it holds.
+// With the focal length that all photos are said to have, if it holds. `start`: see VideoOptions.
 Result<UncalibratedReconstruction> reconstruct_input(SolveInput* input, const SolveSettings& settings,
-                                                     const SolveCallbacks& callbacks) {
+                                                     const SolveCallbacks& callbacks,
+                                                     const UncalibratedReconstruction* start = nullptr) {
   const SolveOptions options = options_of(settings, callbacks.stop);
   ExifLens* said = lens_to_use(&input->exif);
-  if (!said) return reconstruct_with(*input, settings, options, callbacks);
+  if (!said) return reconstruct_with(*input, settings, options, start, callbacks);
   SolveOptions with_focal = options;
   with_focal.focal = said->focal_px, with_focal.focal_sigma = said->focal_sigma_px;
-  Result<UncalibratedReconstruction> found = reconstruct_with(*input, settings, with_focal, callbacks);
+  Result<UncalibratedReconstruction> found = reconstruct_with(*input, settings, with_focal, start, callbacks);
   if (callbacks.stopped()) return found;
   said->not_used = contradiction_with(*said, found);
   if (said->not_used.empty()) return found;
   tell_exif({said, 1}, callbacks.event);
-  return reconstruct_with(*input, settings, options, callbacks);
+  return reconstruct_with(*input, settings, options, start, callbacks);
 }
 
 // 0 without a reconstruction.
@@ -132,6 +138,57 @@ void set_times(Clock::time_point start, double read_s, SolveResult* result) {
   report.adjustment->solve_s = report.wall_s - read_s;
   report.frames_per_second = static_cast<double>(result->reconstruction.frames.size()) / report.wall_s;
   report.peak_rss_mib = peak_rss_mib();
+}
+
+// Images in order that are no few photos.
+bool is_video(const SolveSettings& settings, const SolveInput& input) {
+  return input.in_order && !is_tracks_file(settings.input) && input.tracks.image_count > kFewImages;
+}
+
+// Whether more than a few key frames are left out.
+bool is_incomplete(const SolveInput& input, const UncalibratedReconstruction& found) {
+  constexpr double kMostLeftOut = 0.05;
+  int keyframes = 0, left_out = 0;
+  for (size_t j = 0; j < input.keyframe.size(); ++j) {
+    keyframes += input.keyframe[j];
+    left_out += input.keyframe[j] && !found.image_posed[j];
+  }
+  return left_out > kMostLeftOut * keyframes;
+}
+
+// The same, and where that leaves key frames of a video out again with what joins its stretches. `input`
+// becomes what the reconstruction is of.
+Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, const SolveSettings& settings,
+                                                         const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
+  std::optional<JoinedStretches> joined =
+      joined_stretches(*input, found ? &*found : nullptr, settings, callbacks);
+  if (!joined) return found;
+  Result<UncalibratedReconstruction> other =
+      reconstruct_input(&joined->input, settings, callbacks, joined->start ? &*joined->start : nullptr);
+  if (!(posed_share(other) > posed_share(found))) return found;
+  *input = std::move(joined->input);
+  return other;
+}
+
+// A few images that do not go well as a video may go better as photos.
+Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, SolveInput* input,
+                           Result<UncalibratedReconstruction>* found) {
+  if (settings.images != "auto" || is_tracks_file(settings.input) || !input->in_order ||
+      input->tracks.image_count > kFewImages || callbacks.stopped() || !(posed_share(*found) < kGoodShare)) {
+    return {};
+  }
+  tell(callbacks.event, Event::Level::kInfo,
+       *found ? "as a video few of the images have a pose, now tried as photos"
+              : "not solved as a video, now tried as photos: " + found->error().message);
+  Result<SolveInput> photos = tracks_from_photos(settings, callbacks);
+  if (!photos) return photos.error();
+  Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
+  if (posed_share(other) >= posed_share(*found)) {
+    *input = *std::move(photos);
+    *found = std::move(other);
+  }
+  return {};
 }
 
 }  // namespace
@@ -176,24 +233,18 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct_input(&*input, settings, callbacks);
-  // A few images that do not go well as a video may go better as photos.
-  if (settings.images == "auto" && !is_tracks_file(settings.input) && input->in_order &&
-      input->tracks.image_count <= kFewImages && !callbacks.stopped() && posed_share(found) < kGoodShare) {
-    tell(callbacks.event, Event::Level::kInfo,
-         found ? "as a video few of the images have a pose, now tried as photos"
-               : "not solved as a video, now tried as photos: " + found.error().message);
-    Result<SolveInput> photos = tracks_from_photos(settings, once);
-    if (!photos) return photos.error();
-    Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
-    if (posed_share(other) >= posed_share(found)) {
-      input = std::move(photos);
-      found = std::move(other);
-    }
-  }
+  Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
+  if (auto r = try_as_photos(settings, once, &*input, &found); !r) return r.error();
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
+  std::optional<SolveResult> tracked;
+  if (is_video(settings, *input) && is_incomplete(*input, *found) && !callbacks.stopped()) {
+    Result<std::optional<SolveResult>> r = tracked_with_lens(*input, *found, settings, callbacks);
+    if (!r) return r.error();
+    tracked = *std::move(r);
+  }
   const bool interrupted = input->interrupted || callbacks.stopped();
-  SolveResult result = solve_result(*input, *std::move(found), settings, interrupted);
+  SolveResult result =
+      tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), settings, interrupted);
   warn(result, callbacks.event);
   set_times(start, read_s, &result);
   return result;

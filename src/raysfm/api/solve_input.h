@@ -7,6 +7,7 @@
 
 #include "raysfm/api/solve.h"
 #include "raysfm/lenses/point_tracks.h"
+#include "raysfm/photos/track_bridges.h"
 
 namespace raysfm {
 
@@ -20,6 +21,7 @@ struct SolveInput {
   bool in_order = true;                     // an image sees what the one before sees
   std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
   std::vector<uint8_t> keyframe;            // 1: takes part in the start and the adjustment
+  std::vector<DescribedImage> described;    // key frames of a video, in the order of time
   std::vector<std::array<uint8_t, 3>> rgb;  // of the points; empty: unknown
   std::vector<Eigen::Vector3d> structure;   // known positions of the points; empty: unknown
   std::vector<std::pair<std::string, StageTiming>> stages;  // of reading, where they are told apart

@@ -17,6 +17,10 @@ constexpr size_t kFollowed = 3;  // key frames
 // part of the corners is found again.
 constexpr float kKeyframeMotion = 0.05f;
 constexpr double kKeyframeShare = 0.5;
+// An image with fewer corners is no key frame: black, or blurred. One with so many times the corners of the
+// newest key frame is the next.
+constexpr int kLeastCorners = 30;
+constexpr int kManyMore = 4;
 
 void keep_seen_twice(SolveInput* input) {
   PointTracks& tracks = input->tracks;
@@ -37,6 +41,16 @@ void keep_seen_twice(SolveInput* input) {
     if (number[tracks.point[k]] >= 0) few.add(tracks.image[k], number[tracks.point[k]], tracks.pixel[k]);
   }
   tracks = std::move(few);
+  for (DescribedImage& image : input->described) {
+    size_t described = 0;
+    for (size_t i = 0; i < image.points.size(); ++i) {
+      if (number[image.points[i]] < 0) continue;
+      image.points[described] = number[image.points[i]];
+      image.descriptors[described++] = image.descriptors[i];
+    }
+    image.points.resize(described);
+    image.descriptors.resize(described);
+  }
 }
 
 CameraInput corners_of(const GrayImage& mask, int features) {
@@ -48,9 +62,12 @@ CameraInput corners_of(const GrayImage& mask, int features) {
 
 }  // namespace
 
-bool TrackJoiner::keyframe_needed(int matched) const {
+bool TrackJoiner::keyframe_needed(const CameraView& camera, int matched) const {
+  if (camera.features.size() < kLeastCorners) return false;
+  if (followed_.empty()) return true;
   const PairTracker& newest = followed_.front().tracker;
   const CameraView& base = newest.base();
+  if (camera.features.size() > kManyMore * base.features.size()) return true;
   return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.width) ||
          matched < kKeyframeShare * base.features.size();
 }
@@ -69,10 +86,26 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
     followed.track.push_back(seen.track);
     followed.place.push_back(seen.place);
   }
+  describe(camera, sightings);
   input_.keyframe.back() = 1;
   ++keyframes_;
   followed_.push_front(std::move(followed));
   if (followed_.size() > kFollowed) followed_.pop_back();
+}
+
+// What the corners of the newest frame, whose tracks are known, look like.
+void TrackJoiner::describe(const CameraView& camera, const std::vector<Sighting>& sightings) {
+  describer_.describe(*camera.octaves, camera.features.pixels, camera.features.octaves, &descriptors_);
+  std::vector<std::pair<int, int>> order;  // (track, place among the descriptors)
+  for (int i = 0; i < descriptors_.size(); ++i)
+    order.emplace_back(sightings[descriptors_.corners[i]].track, i);
+  std::ranges::sort(order);
+  DescribedImage& image = input_.described.emplace_back();
+  image.image = frames() - 1;
+  for (const auto& [track, i] : order) {
+    image.points.push_back(track);
+    image.descriptors.push_back(descriptors_.descriptors[i]);
+  }
 }
 
 // The tracks of a key frame in the newest frame, which its tracker has matched.
@@ -115,7 +148,7 @@ void TrackJoiner::add(const ViewPtr& view) {
     if (&followed == &followed_.front()) matched_with_newest = matched;
     follow(followed, camera, &sightings);
   }
-  if (followed_.empty() || keyframe_needed(matched_with_newest)) {
+  if (keyframe_needed(camera, matched_with_newest)) {
     make_keyframe(view, std::move(sightings));
   }
 }

@@ -3,13 +3,16 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/features/descriptor.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/corner_aligner.h"
 #include "raysfm/matching/pair_tracker.h"
 #include "raysfm/streams/view_stream.h"
+#include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {
 
@@ -38,15 +41,18 @@ class TrackJoiner {
     Eigen::Vector2f place = Eigen::Vector2f::Zero();
   };
 
-  bool keyframe_needed(int matched) const;
+  bool keyframe_needed(const CameraView& camera, int matched) const;
   void follow(const Followed& followed, const CameraView& camera, std::vector<Sighting>* sightings);
   void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
+  void describe(const CameraView& camera, const std::vector<Sighting>& sightings);
 
   SolveInput input_;
   int keyframes_ = 0;
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track
   CornerAligner aligner_;
+  Describer describer_;
+  DescriptorSet descriptors_;
   std::vector<int> matched_;  // corners of the base
   std::vector<Eigen::Vector2f> in_base_, in_frame_;
   std::vector<uint8_t> octaves_;  // of in_frame_
@@ -81,5 +87,26 @@ class TrackReader {
 
 // Tracks of a video or of images in order, without a calibration. Errors: bad input.
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks);
+
+// The tracks of a video whose stretches were joined, and what was found of it before, by their points.
+struct JoinedStretches {
+  SolveInput input;
+  std::optional<UncalibratedReconstruction> start;
+};
+
+// Where a reconstruction leaves key frames of a video out, or there is none (null): its tracks, with the
+// points made one that descriptors say are the same though no track does. None where there are none.
+std::optional<JoinedStretches> joined_stretches(const SolveInput& input,
+                                                const UncalibratedReconstruction* found,
+                                                const SolveSettings& settings,
+                                                const SolveCallbacks& callbacks);
+
+// The whole video, tracked with the one lens that was found: it loses the track and finds it again, and
+// begins further worlds where nothing is known. None where lenses zoom, or where that does not pose more
+// frames by a tenth. Errors: as track().
+Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
+                                                     const UncalibratedReconstruction& found,
+                                                     const SolveSettings& settings,
+                                                     const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

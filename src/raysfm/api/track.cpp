@@ -93,12 +93,20 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
   return mask;
 }
 
-Result<Input> open_inputs(const TrackSettings& settings) {
+// `lens_is_found`: whatever calibration lies beside the images.
+Result<Input> open_inputs(const TrackSettings& settings, bool lens_is_found = false) {
   return open_input(settings.inputs, {.fps = settings.fps,
                                       .mono = settings.mono,
-                                      .ignore_calibration = !settings.camera.empty(),
+                                      .ignore_calibration = lens_is_found || !settings.camera.empty(),
                                       .threads = settings.threads,
                                       .range = settings.range});
+}
+
+Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens& lens) {
+  Result<Input> input = open_inputs(settings, true);
+  if (!input) return input.error();
+  input->streams.resize(1);
+  return Sources{*std::move(input), Rig{{lens.camera}}, {}, lens.origin, lens.prior, 0};
 }
 
 // Cameras that no file tells: the input is read for them, and opened again.
@@ -107,11 +115,9 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   const Clock::time_point start = Clock::now();
   Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks);
   if (!lens) return lens.error();
-  Result<Input> again = open_inputs(settings);
-  if (!again) return again.error();
-  again->streams.resize(1);
-  const double find_ms = milliseconds_since(start);
-  return Sources{*std::move(again), Rig{{lens->camera}}, {}, lens->origin, lens->prior, find_ms};
+  Result<Sources> sources = sources_with_lens(settings, *lens);
+  if (sources) sources->find_ms = milliseconds_since(start);
+  return sources;
 }
 
 Result<Sources> sources_of_cameras(const TrackSettings& settings, const std::optional<SavedMap>& known,
@@ -133,13 +139,15 @@ Result<Sources> sources_of_cameras(const TrackSettings& settings, const std::opt
   return Sources{*std::move(input), std::move(in_use), {}, {}, {}};
 }
 
+// `found`: the lens, where somebody else has found it; else null.
 Result<Sources> open_sources(const TrackSettings& settings, const std::optional<SavedMap>& known,
-                             const TrackCallbacks& callbacks) {
+                             const FoundLens* found, const TrackCallbacks& callbacks) {
   const EventSink& event = callbacks.event;
   if (auto r = check_threads(settings.threads); !r) return r.error();
   if (auto r = validate(settings.odometry); !r) return r.error();
   if (auto r = check_fov(settings); !r) return r.error();
-  Result<Sources> opened = sources_of_cameras(settings, known, callbacks);
+  Result<Sources> opened =
+      found ? sources_with_lens(settings, *found) : sources_of_cameras(settings, known, callbacks);
   if (!opened) return opened;
   Sources& sources = *opened;
   if (auto r = set_shutters(settings.rolling_shutter, &sources.rig); !r) return r.error();
@@ -317,6 +325,12 @@ Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int t
     }
 }
 
+// What there is to say of an input that was read to its end.
+void tell_notes(const Input& input, const ViewStream& stream, const EventSink& event) {
+  for (const auto& source : input.streams) tell(event, Event::Level::kWarning, source->note());
+  tell(event, Event::Level::kWarning, stream.note());
+}
+
 // Of a run that was told to stop while it looked for the lens.
 TrackResult interrupted_before_start(const TrackSettings& settings, const Clock::time_point& start) {
   TrackResult out;
@@ -352,7 +366,8 @@ Report tracker_report(const TrackSettings& settings, const Tracker& tracker) {
   return report;
 }
 
-Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller, TrackWatcher* watcher) {
+Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& caller, TrackWatcher* watcher,
+                          const FoundLens* found) {
   const Clock::time_point start = Clock::now();
   const TrackCallbacks callbacks = caller.ready_once();
   TrackSettings settings = given;
@@ -361,7 +376,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   settings.odometry = *odometry;
   Result<RunMaps> maps = open_maps(settings);
   if (!maps) return maps.error();
-  Result<Sources> sources = open_sources(settings, maps->known, callbacks);
+  Result<Sources> sources = open_sources(settings, maps->known, found, callbacks);
   if (!sources) {
     const bool no_lens_yet = sources.error().kind == ErrorKind::kNoReconstruction && callbacks.stopped();
     return no_lens_yet ? Result(interrupted_before_start(settings, start)) : sources.error();
@@ -394,10 +409,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (tracker.frames() == 0 && !*stopped) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
-  if (!*stopped) {
-    for (const auto& s : sources->input.streams) tell(callbacks.event, Event::Level::kWarning, s->note());
-    tell(callbacks.event, Event::Level::kWarning, stream.note());
-  }
+  if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
 
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);

@@ -14,6 +14,7 @@
 namespace raysfm {
 
 class Tracker;
+struct FoundLens;
 
 // What `raysfm track` is told. Field names are those of the command line and of --config.
 struct TrackSettings {
@@ -66,9 +67,10 @@ class TrackWatcher : public TrackerObserver {
 };
 
 // Video of a calibrated camera to trajectory and map. Errors: bad input. A reconstruction without a single
-// pose is a value; its frames say why. `watcher` may be null.
+// pose is a value; its frames say why. `watcher` may be null. `found`: the lens of the one camera, where it
+// is not to be looked for and no file is to tell it; else null.
 Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks,
-                          TrackWatcher* watcher = nullptr);
+                          TrackWatcher* watcher = nullptr, const FoundLens* found = nullptr);
 
 // What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
 Result<OdometryOptions> odometry_options(const TrackSettings& settings);

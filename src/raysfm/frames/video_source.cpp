@@ -50,7 +50,7 @@ std::string reason(int code) {
 
 class VideoSource : public FrameSource {
  public:
-  VideoSource(std::string path, const VideoOptions& options)
+  VideoSource(std::string path, const DecoderOptions& options)
       : path_(std::move(path)), fps_(options.fps), threads_(options.threads) {}
 
   // Opens, and decodes up to the first frame without a defect.
@@ -402,7 +402,7 @@ std::string VideoSource::note() const {
   return text;
 }
 
-Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, const VideoOptions& options,
+Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, const DecoderOptions& options,
                                                  const char* device_format) try {
   auto source = std::make_unique<VideoSource>(path, options);
   const Result<void> opened = source->open(device_format);
@@ -414,11 +414,11 @@ Result<std::unique_ptr<FrameSource>> open_source(const std::string& path, const 
 
 }  // namespace
 
-Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const VideoOptions& options) {
+Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const DecoderOptions& options) {
   return open_source(path, options, nullptr);
 }
 
-Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const VideoOptions& options) {
+Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const DecoderOptions& options) {
   return open_source(path, options, "v4l2");
 }
 

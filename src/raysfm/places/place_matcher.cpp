@@ -53,11 +53,10 @@ double log10_choose(int n, int k) {
 
 }  // namespace
 
-double log10_chance_poses(int matches, int agreeing, double chance) {
-  constexpr int kSample = 3;
-  if (agreeing <= kSample) return 0;
-  return std::log10(double(matches)) + log10_choose(matches, agreeing) + log10_choose(agreeing, kSample) +
-         (agreeing - kSample) * std::log10(chance);
+double log10_chance_poses(int matches, int agreeing, double chance, int sample) {
+  if (agreeing <= sample) return 0;
+  return std::log10(double(matches)) + log10_choose(matches, agreeing) + log10_choose(agreeing, sample) +
+         (agreeing - sample) * std::log10(chance);
 }
 
 // What looks alike, wherever it is.

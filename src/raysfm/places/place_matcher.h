@@ -65,8 +65,9 @@ class PlaceMatcher {
   std::vector<float> sigmas_;
 };
 
-// Logarithm to base 10 of the expected number of triples of `matches` wrong matches whose pose agrees with
-// `agreeing` of them, where one agrees by chance with probability `chance`.
-double log10_chance_poses(int matches, int agreeing, double chance);
+// Logarithm to base 10 of the expected number of samples of `matches` wrong matches, triples unless told,
+// whose pose, or whatever follows from a sample, agrees with `agreeing` of them, where one agrees by chance
+// with probability `chance`.
+double log10_chance_poses(int matches, int agreeing, double chance, int sample = 3);
 
 }  // namespace raysfm

@@ -1,6 +1,7 @@
 #include "raysfm/uncalibrated/video_growth.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -20,6 +21,9 @@ constexpr double kMorePoints = 1.3;               // than at the last failure: a
 constexpr double kMinStepParallax = 0.02;         // radians, of a point that is placed
 constexpr double kKeyframePrincipalPoint = 0.01;  // standard deviations, as shares of the image's larger side
 constexpr double kBetweenPrincipalPoint = 0.003;
+// Focal lengths that are tried, as multiples of that of the nearest key frame: between the two lenses may
+// have zoomed unseen.
+constexpr std::array kZoomFactors = {1.0, 0.9, 1.11, 0.8, 1.25, 0.7, 1.42, 0.62, 1.6};
 
 Lens between(const Lens& a, const Lens& b, double share) {
   return Lens::from_vector((1 - share) * a.vector() + share * b.vector());
@@ -107,9 +111,16 @@ bool VideoGrowth::pose(int image) {
   const int near = a < 0 || (b >= 0 && b - image < image - a) ? b : a;
   if (near < 0) return false;
   const Rigid3 near_pose = result_.scene.cam_from_world[near];
-  const Lens near_lens = result_.scene.lenses[near];
-  return pose_image(tracks_, of_image_[image], near_pose, near_lens,
-                    kKeyframePrincipalPoint * tracks_.image_size.maxCoeff(), options_, image, &result_);
+  const double centre_sigma = kKeyframePrincipalPoint * tracks_.image_size.maxCoeff();
+  for (const double factor : kZoomFactors) {
+    if (factor != 1 && !result_.zooming) break;
+    Lens lens = result_.scene.lenses[near];
+    lens.fx *= factor, lens.fy *= factor;
+    if (pose_image(tracks_, of_image_[image], near_pose, lens, centre_sigma, options_, image, &result_)) {
+      return true;
+    }
+  }
+  return false;
 }
 
 bool VideoGrowth::place(int point) {

@@ -229,6 +229,23 @@ Result<void> finish(const PointTracks& tracks, std::span<const uint8_t> keyframe
              : finish_lenses(tracks, keyframe, options, control, growth, result);
 }
 
+// Goes on from a reconstruction of a part.
+Result<UncalibratedReconstruction> extend(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                                          const SolveOptions& options, const GrowthControl& control,
+                                          const UncalibratedReconstruction& start) {
+  UncalibratedReconstruction result = start;
+  result.zooming = options.lens == LensChange::kZoom;
+  if (result.zooming) result.radial = {};  // looked for anew
+  const PointTracks ideal = ideal_tracks(tracks, result);
+  // What is between key frames is posed again when all is there.
+  for (int k = 0; k < tracks.size(); ++k) result.inlier[k] &= keyframe[tracks.image[k]];
+  for (size_t j = 0; j < keyframe.size(); ++j) result.image_posed[j] &= keyframe[j];
+  VideoGrowth growth(ideal, keyframe, options, &result);
+  if (auto grown = growth.grow(control); !grown) return grown.error();
+  if (auto r = finish(tracks, keyframe, options, control, &growth, &result); !r) return r.error();
+  return result;
+}
+
 Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                                          const SolveOptions& options, const GrowthControl& control,
                                          bool in_order) {
@@ -248,6 +265,32 @@ Result<UncalibratedReconstruction> build(const PointTracks& tracks, std::span<co
   return result;
 }
 
+// Whether a lens for each image poses far more images than one lens does, and those that it adds have surely
+// another focal length, and fit as well as the start does: where the motion does not tell lenses, a lens for
+// each image explains much that is wrong, but not well.
+bool goes_much_further(const UncalibratedReconstruction& start,
+                       const Result<UncalibratedReconstruction>& fixed,
+                       const Result<UncalibratedReconstruction>& zoom) {
+  constexpr double kFarMore = 1.1, kLeastChange = 0.05, kSigmas = 5, kWorse = 1.18;
+  if (!fixed || !zoom || zoom->rms_px > kWorse * start.rms_px) return false;
+  double sum = 0;
+  int posed_by_fixed = 0;
+  std::vector<double> changes, sigmas;
+  for (size_t j = 0; j < zoom->image_posed.size(); ++j) {
+    if (!fixed->image_posed[j]) continue;
+    sum += std::log(fixed->scene.lenses[j].fx);
+    ++posed_by_fixed;
+  }
+  for (size_t j = 0; j < zoom->image_posed.size(); ++j) {
+    if (!zoom->image_posed[j] || fixed->image_posed[j]) continue;
+    const double focal = zoom->scene.lenses[j].fx;
+    changes.push_back(std::abs(std::log(focal) - sum / std::max(1, posed_by_fixed)));
+    sigmas.push_back(zoom->lens_sigma[j][0] / focal);
+  }
+  if (static_cast<double>(changes.size()) <= (kFarMore - 1) * posed_by_fixed) return false;
+  return median_of(&changes) > std::max(kLeastChange, kSigmas * median_of(&sigmas));
+}
+
 // The same video with one lens and with a lens for each image, side by side, and which of them it is.
 Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                                               const SolveOptions& options, const VideoOptions& video,
@@ -264,8 +307,14 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
       posed[i] = count;
       if (video.progress) video.progress(std::min(posed[0], posed[1]), keyframes);
     };
-    found[i] = build(tracks, keyframe, own, {progress, video.stop}, video.in_order);
+    const GrowthControl control{progress, video.stop};
+    found[i] = video.start ? extend(tracks, keyframe, own, control, *video.start)
+                           : build(tracks, keyframe, own, control, video.in_order);
   });
+  if (video.start && goes_much_further(*video.start, found[0], found[1])) {
+    found[1]->lens_evidence = "far more images agree with a lens for each image than with one for all";
+    return std::move(found[1]);
+  }
   return choose_lens(tracks, keyframe, std::move(found[0]), std::move(found[1]), options.max_error_px,
                      video.in_order ? ErrorRelation::kAlongTracks : options.errors);
 }
@@ -276,7 +325,9 @@ Result<UncalibratedReconstruction> build_one(const PointTracks& tracks, std::spa
   const auto progress = [&](int posed) {
     if (video.progress) video.progress(posed, keyframes);
   };
-  return build(tracks, keyframe, options, {progress, video.stop}, video.in_order);
+  const GrowthControl control{progress, video.stop};
+  return video.start ? extend(tracks, keyframe, options, control, *video.start)
+                     : build(tracks, keyframe, options, control, video.in_order);
 }
 
 // Standard deviations, and the images that are no key frames.
@@ -304,7 +355,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                      std::to_string(tracks.image_count));
   }
   HopelessMotion hopeless;
-  if (video.in_order) {
+  if (video.in_order && !video.start) {
     hopeless = hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
   }
   if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);

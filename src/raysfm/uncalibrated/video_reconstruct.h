@@ -15,6 +15,8 @@ struct VideoOptions {
   // False: photos, of which one sees what any other may see. They start from a group that sees much of one
   // another in the place of a stretch.
   bool in_order = true;
+  // A reconstruction of a part of the images to go on from; null: there is none.
+  const UncalibratedReconstruction* start = nullptr;
   int threads = 1;  // > 0; never changes a result
   // Key frames with a pose, of all; one call at a time, from any thread.
   std::function<void(int posed, int keyframes)> progress = nullptr;

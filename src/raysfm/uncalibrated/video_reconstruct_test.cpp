@@ -81,6 +81,33 @@ TEST(ReconstructVideo, ZoomIsFoundAndEveryImagePosed) {
   EXPECT_LT(result->rms_px, 0.4);
 }
 
+// Tracks end where the lens is turned: what goes on from the first part finds the other focal length.
+TEST(ReconstructVideo, GoesOnFromAPartWithAnotherFocalLength) {
+  constexpr int kImages = 48, kPart = 27;
+  Walk walk = make_walk(kImages, 0, 0.2);
+  for (int j = kPart; j < kImages; ++j) walk.truth.lenses[j].fx = walk.truth.lenses[j].fy = 625;
+  PointTracks first = walk.tracks, all = walk.tracks;
+  for (PointTracks* tracks : {&first, &all})
+    tracks->image.clear(), tracks->point.clear(), tracks->pixel.clear();
+  for (int k = 0; k < walk.tracks.size(); ++k) {
+    const int j = walk.tracks.image[k];
+    Eigen::Vector2d pixel = walk.tracks.pixel[k];
+    if (j < kPart) first.add(j, walk.tracks.point[k], pixel);
+    if (j >= kPart) pixel = walk.tracks.pixel[k] * 1.25 - 0.25 * Eigen::Vector2d(319.5, 239.5);
+    all.add(j, walk.tracks.point[k], pixel);
+  }
+  const auto part = reconstruct_video(first, walk.keyframe, {.lens = LensChange::kFixed});
+  ASSERT_TRUE(part.ok()) << part.error().message;
+  ASSERT_EQ(std::ranges::count(part->image_posed, 1), kPart);
+  UncalibratedReconstruction start = *part;
+  start.inlier.assign(all.size(), 0);
+  const auto result = reconstruct_video(all, walk.keyframe, {}, {.start = &start});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  EXPECT_TRUE(result->zooming) << result->lens_evidence;
+  EXPECT_EQ(std::ranges::count(result->image_posed, 1), kImages);
+  EXPECT_LT(worst_focal_error(walk, *result), 0.015);
+}
+
 TEST(ReconstructVideo, FixedLensIsNotTakenForAZoom) {
   const Walk walk = make_walk(72, 0, 0.2);
   const auto result = reconstruct_video(walk.tracks, walk.keyframe, {});

@@ -1,0 +1,132 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "raysfm/api/find_lens.h"
+#include "raysfm/api/solve_result.h"
+#include "raysfm/api/solve_tracks.h"
+#include "raysfm/api/track.h"
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/photos/track_bridges.h"
+#include "raysfm/scene/worlds.h"
+
+namespace raysfm {
+namespace {
+
+constexpr double kWorthIt = 1.1;      // times the frames with a pose
+constexpr double kUsableFocal = 0.1;  // standard deviation of a focal length to track with, as a part of it
+constexpr int kLeastFeatures = 50;    // that can be tracked
+
+// Numbers all that is kept of points as join_points() did.
+void renumber(const std::vector<int>& number, JoinedStretches* joined) {
+  SolveInput& input = joined->input;
+  std::vector<std::array<uint8_t, 3>> rgb(input.tracks.point_count);
+  for (size_t i = number.size(); i-- > 0;) rgb[number[i]] = input.rgb[i];
+  input.rgb = std::move(rgb);
+  input.described.clear();
+  if (!joined->start) return;
+  std::vector<Eigen::Vector3d> points(input.tracks.point_count, Eigen::Vector3d::Zero());
+  std::vector<uint8_t> placed(input.tracks.point_count, 0);
+  for (size_t i = number.size(); i-- > 0;) {
+    if (!joined->start->point_placed[i]) continue;
+    points[number[i]] = joined->start->scene.points[i];
+    placed[number[i]] = 1;
+  }
+  joined->start->scene.points = std::move(points);
+  joined->start->point_placed = std::move(placed);
+}
+
+bool left_keyframes_out(const SolveInput& input, const UncalibratedReconstruction* found) {
+  for (size_t j = 0; j < input.keyframe.size(); ++j) {
+    if (input.keyframe[j] && !(found && found->image_posed[j])) return true;
+  }
+  return false;
+}
+
+TrackSettings settings_of_tracking(const SolveSettings& settings) {
+  TrackSettings tracking;
+  tracking.inputs = {settings.input};
+  tracking.fps = settings.fps;
+  tracking.mono = true;
+  tracking.threads = settings.threads;
+  tracking.refine_lens = "off";  // the adjustment of all that tells it has found it
+  tracking.rolling_shutter = "none";
+  tracking.odometry.features = std::max(kLeastFeatures, settings.features);
+  tracking.odometry.seed = settings.seed;
+  return tracking;
+}
+
+// The lens of all frames, and what solve_result() says of it.
+SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
+  SolveResult result{std::move(tracked.reconstruction), std::move(tracked.report)};
+  Reconstruction& r = result.reconstruction;
+  const FrameLens lens = solved.reconstruction.lenses.front();
+  r.origin = Origin::kSolve;
+  r.rig = {};
+  r.calibration.clear();
+  r.lenses = {lens};
+  for (PosedFrame& frame : r.frames) frame.lens = frame.world_from_rig ? 0 : -1;
+  result.report.lens = solved.report.lens;
+  result.report.adjustment = solved.report.adjustment;
+  result.report.lens_origin.reset();
+  result.report.stages.insert(result.report.stages.begin(), solved.report.stages.begin(),
+                              solved.report.stages.end());
+  return result;
+}
+
+}  // namespace
+
+std::optional<JoinedStretches> joined_stretches(const SolveInput& input,
+                                                const UncalibratedReconstruction* found,
+                                                const SolveSettings& settings,
+                                                const SolveCallbacks& callbacks) {
+  if (input.described.empty() || callbacks.stopped() || !left_keyframes_out(input, found)) return {};
+  StageTiming time;
+  JoinedStretches joined;
+  {
+    const ScopedTimer timer(time);
+    ThreadPool pool(thread_count(settings.threads) - 1);
+    std::span<const uint8_t> posed;
+    if (found) posed = found->image_posed;
+    const std::vector<TrackBridge> bridges = find_bridges(
+        input.tracks, input.described, posed, settings.max_error, settings.seed, callbacks.stop, &pool);
+    if (bridges.empty()) return {};
+    joined.input = input;
+    if (found) joined.start = *found;
+    renumber(join_points(bridges, &joined.input.tracks), &joined);
+    tell(callbacks.event, Event::Level::kInfo,
+         fmt::format("tracks are broken: {} pairs of key frames see the same places", bridges.size()));
+  }
+  joined.input.stages.emplace_back("join", time);
+  return joined;
+}
+
+Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
+                                                     const UncalibratedReconstruction& found,
+                                                     const SolveSettings& settings,
+                                                     const SolveCallbacks& callbacks) {
+  const auto posed = std::ranges::count(found.image_posed, 1);
+  if (found.zooming || !found.degenerate.empty() || found.lens_sigma.empty() || posed == 0) {
+    return std::optional<SolveResult>();
+  }
+  const FoundLens lens = lens_of_stretch(found, input.tracks, 0, 1);
+  if (!(lens.prior.focal <= kUsableFocal)) return std::optional<SolveResult>();
+  tell(callbacks.event, Event::Level::kInfo,
+       fmt::format("{} of {} frames have a pose; the whole video is tracked with the lens that they tell",
+                   posed, input.names.size()));
+  TrackCallbacks tracking;
+  tracking.event = callbacks.event;
+  tracking.stop = callbacks.stop;
+  if (callbacks.progress) {
+    tracking.progress = [&](const TrackProgress& p) { callbacks.progress("frame", p.frames, p.total); };
+  }
+  Result<TrackResult> tracked = track(settings_of_tracking(settings), tracking, nullptr, &lens);
+  if (!tracked) return tracked.error();
+  if (static_cast<double>(posed_count(tracked->reconstruction)) < kWorthIt * static_cast<double>(posed)) {
+    return std::optional<SolveResult>();
+  }
+  return std::optional(with_lens(*std::move(tracked), solve_result(input, found, settings, false)));
+}
+
+}  // namespace raysfm
