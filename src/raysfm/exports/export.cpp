@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/exports/mesh_export.h"
 #include "raysfm/exports/path_formats.h"
 #include "raysfm/exports/pinhole_images.h"
 #include "raysfm/exports/scene_formats.h"
@@ -31,7 +32,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "export.json";
 constexpr std::string_view kFormats[] = {"colmap", "nerfstudio", "blender", "bundler",
-                                         "ply",    "tum",        "kitti",   "euroc"};
+                                         "ply",    "tum",        "kitti",   "euroc",
+                                         "mesh"};
 
 // Formats of images with cameras, and what they hold.
 struct SceneFormat {
@@ -219,6 +221,10 @@ Result<void> write_all(const ExportSettings& settings, const Rig& file, const Re
     written = write_kitti(world, folder);
   } else if (settings.format == "euroc") {
     written = write_euroc(world, folder);
+  } else if (settings.format == "mesh") {
+    Result<ExportScene> scene = make_export_scene(world, false);
+    if (!scene) return scene.error();
+    written = write_mesh(world, *scene, folder);
   } else {
     written = export_scene(settings, file, world, folder, summary);
   }
