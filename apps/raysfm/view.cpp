@@ -2,7 +2,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <thread>
 #include <vector>
 
@@ -10,7 +9,6 @@
 #include "live_view.h"
 #include "page_server.h"
 #include "raysfm/files/atomic_file.h"
-#include "raysfm/files/text_file.h"
 #include "raysfm/page/frame_features.h"
 #include "raysfm/page/frame_pictures.h"
 #include "raysfm/page/page.h"
@@ -26,18 +24,6 @@ struct Arguments {
   std::string result, html, port;
   std::vector<std::string> images;
 };
-
-// What the result was made of, as it was given then; none where the report does not tell.
-std::vector<std::string> inputs_of(const fs::path& result) {
-  const Result<std::string> text = read_text_file(result / "report.json", kMaxReportBytes);
-  const auto report = nlohmann::json::parse(text ? *text : "{}", nullptr, false);
-  std::vector<std::string> inputs;
-  if (!report.is_object() || !report.contains("input")) return inputs;
-  for (const auto& input : report["input"]) {
-    if (input.is_string()) inputs.push_back(input);
-  }
-  return inputs;
-}
 
 Result<int> write_html(const Arguments& arguments, const CommonOptions& common) {
   const std::string inputs[] = {arguments.result + "/report.json", arguments.result + "/points.ply",
@@ -84,7 +70,7 @@ Result<int> serve(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   const StopSignals stop;
   ServedResult served(*std::move(result),
-                      arguments.images.empty() ? inputs_of(arguments.result) : arguments.images);
+                      arguments.images.empty() ? inputs_of_result(arguments.result) : arguments.images);
   served.info = {.title = title_of({arguments.result}), .stages = read_stage_times(arguments.result)};
   const Result<void> opened = served.pictures.open();
   if (!opened && !arguments.images.empty()) return opened.error();

@@ -210,8 +210,24 @@ Result<void> export_scene(const ExportSettings& settings, const Rig& file, const
                       pinholes ? &*pinholes : nullptr, folder / "images");
 }
 
+// Without --images the input of the run is tried, which may be gone.
+Result<void> export_mesh(const ExportSettings& settings, const Rig& file, const Reconstruction& world,
+                         const fs::path& folder, const ExportProgress& progress, ExportSummary* summary) {
+  const Result<ExportScene> scene = make_export_scene(world, false);
+  if (!scene) return scene.error();
+  MeshImages images = {{settings.images, file, settings.threads}, settings.texture_side};
+  images.must_be_there = !settings.images.empty();
+  if (settings.images.empty() && world.origin != Origin::kAdjust)
+    images.input.paths = inputs_of_result(settings.result);
+  const Result<MeshSummary> written = write_mesh(world, *scene, images, folder, progress);
+  if (!written) return written.error();
+  summary->faces = written->faces;
+  if (!written->note.empty()) summary->notes.push_back(written->note);
+  return {};
+}
+
 Result<void> write_all(const ExportSettings& settings, const Rig& file, const Reconstruction& world,
-                       const fs::path& folder, ExportSummary* summary) {
+                       const fs::path& folder, const ExportProgress& progress, ExportSummary* summary) {
   Result<void> written;
   if (settings.format == "ply") {
     written = write_ply(world, folder);
@@ -222,9 +238,7 @@ Result<void> write_all(const ExportSettings& settings, const Rig& file, const Re
   } else if (settings.format == "euroc") {
     written = write_euroc(world, folder);
   } else if (settings.format == "mesh") {
-    Result<ExportScene> scene = make_export_scene(world, false);
-    if (!scene) return scene.error();
-    written = write_mesh(world, *scene, folder);
+    written = export_mesh(settings, file, world, folder, progress, summary);
   } else {
     written = export_scene(settings, file, world, folder, summary);
   }
@@ -254,10 +268,19 @@ Result<void> check_settings(const ExportSettings& settings) {
     return bad_input(
         fmt::format("--format: {} is not allowed, {} are", settings.format, fmt::join(kFormats, ", ")));
   }
-  const bool scene = scene_format(settings.format) != nullptr;
+  const bool scene = scene_format(settings.format) != nullptr, mesh = settings.format == "mesh";
+  constexpr int kLeastSide = 64, kMostSide = 16384;
+  if (settings.texture_side < kLeastSide || settings.texture_side > kMostSide) {
+    return bad_input(fmt::format("--texture-side: {} is not allowed, {} to {} are", settings.texture_side,
+                                 kLeastSide, kMostSide));
+  }
   if (settings.text && settings.format != "colmap")
     return bad_input("--text: only --format colmap has a text form");
-  if (!scene && (settings.undistort || settings.all_frames || !settings.images.empty())) {
+  if (mesh && (settings.undistort || settings.all_frames)) {
+    return bad_input(
+        "--format mesh: has no images of its own, so that --undistort and --all-frames are not allowed");
+  }
+  if (!scene && !mesh && (settings.undistort || settings.all_frames || !settings.images.empty())) {
     return bad_input(
         fmt::format("--format {}: has no images, so that --undistort, --images and --all-frames are not "
                     "allowed with it",
@@ -283,7 +306,7 @@ std::span<const std::string_view> export_formats() {
   return kFormats;
 }
 
-Result<ExportSummary> export_result(const ExportSettings& settings) {
+Result<ExportSummary> export_result(const ExportSettings& settings, const ExportProgress& progress) {
   if (auto good = check_settings(settings); !good) return good.error();
   ExportSummary summary;
   summary.out = settings.out.empty() ? default_out(settings) : settings.out;
@@ -298,7 +321,7 @@ Result<ExportSummary> export_result(const ExportSettings& settings) {
   const bool there = fs::exists(summary.out, failure);
   Result<StagedFolder> staged = StagedFolder::create(summary.out);
   if (!staged) return staged.error();
-  Result<void> written = write_all(settings, *file, *world, staged->path(), &summary);
+  Result<void> written = write_all(settings, *file, *world, staged->path(), progress, &summary);
   if (written) written = staged->commit(older_files(summary.out), kManifest);
   if (written) return summary;
   if (!there) fs::remove(summary.out, failure);

@@ -1,14 +1,22 @@
 #include "raysfm/exports/mesh_export.h"
 
+#include <fmt/format.h>
+
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/mesh/face_views.h"
 #include "raysfm/mesh/mesh_file.h"
 #include "raysfm/mesh/mesh_surface.h"
+#include "raysfm/mesh/mesh_texture.h"
 
 namespace raysfm {
 namespace {
+
+constexpr const char* kMeshName = "mesh";
 
 MeshScene mesh_scene(const Reconstruction& world, const ExportScene& scene) {
   MeshScene made;
@@ -24,14 +32,77 @@ MeshScene mesh_scene(const Reconstruction& world, const ExportScene& scene) {
   return made;
 }
 
-}  // namespace
+Result<SceneSurface> make_surface(const MeshScene& scene) {
+  if (scene.sights.empty()) {
+    return no_reconstruction("the result does not tell which key frames see its points, so there is no surface");
+  }
+  std::vector<SurfacePoint> points = surface_points(scene);
+  const size_t known = points.size();
+  if (known > 0) {
+    SceneSurface surface = scene_surface(std::move(points));
+    if (!surface.mesh.faces.empty()) return surface;
+  }
+  return no_reconstruction(
+      fmt::format("no surface: {} of {} points are seen from sides that differ enough to know where they are",
+                  known, scene.points.size()));
+}
 
-Result<void> write_mesh(const Reconstruction& world, const ExportScene& scene,
-                        const std::filesystem::path& folder) {
-  const SceneSurface surface = scene_surface(surface_points(mesh_scene(world, scene)));
+std::vector<std::array<uint8_t, 3>> colors_of(const SceneSurface& surface) {
   std::vector<std::array<uint8_t, 3>> colors;
   for (const int point : surface.mesh.points) colors.push_back(surface.space.points[point].rgb);
-  return write_mesh_ply(surface.mesh, colors, "surface in the world frame of trajectory.txt", folder / "mesh.ply");
+  return colors;
+}
+
+Result<MeshTexture> paint(const Reconstruction& world, const ExportScene& scene, const MeshScene& seen,
+                          const SceneSurface& surface, const MeshImages& images,
+                          const ExportProgress& progress) {
+  const int total = static_cast<int>(scene.images.size());
+  ThreadPool pool(thread_count(images.input.threads) - 1);
+  const MeshViews views(seen);
+  const std::vector<int> face_views = choose_face_views(surface, views, pool);
+  const std::vector<std::array<uint8_t, 3>> colors = colors_of(surface);
+  TexturePainter painter(surface.mesh, face_views, views, colors, images.texture_side);
+  const Result<void> painted =
+      visit_images(images.input, world, scene, [&](size_t i, const Image<uint8_t>& bgr) -> Result<void> {
+        const int view = static_cast<int>(i);
+        if (painter.wants(view)) painter.paint(view, bgr, pool);
+        if (progress) progress("texture", view + 1, total);
+        return {};
+      });
+  if (!painted) return painted.error();
+  return painter.take();
+}
+
+}  // namespace
+
+Result<MeshSummary> write_mesh(const Reconstruction& world, const ExportScene& scene,
+                               const MeshImages& images, const std::filesystem::path& folder,
+                               const ExportProgress& progress) {
+  const MeshScene seen = mesh_scene(world, scene);
+  if (progress) progress("surface", 0, 1);
+  const Result<SceneSurface> surface = make_surface(seen);
+  if (!surface) return surface.error();
+  MeshSummary summary{static_cast<int>(surface->mesh.faces.size()), {}};
+  const std::string comment = fmt::format("surface of the map in the world frame of trajectory.txt; scale: {}",
+                                          world.metric_scale ? "metric, metres" : "arbitrary");
+  if (auto written = write_mesh_ply(surface->mesh, colors_of(*surface), comment,
+                                    folder / fmt::format("{}.ply", kMeshName));
+      !written) {
+    return written.error();
+  }
+  if (images.input.paths.empty()) {
+    summary.note = "the images are not known, so there is no texture; --images tells them";
+    return summary;
+  }
+  const Result<MeshTexture> texture = paint(world, scene, seen, *surface, images, progress);
+  if (!texture && images.must_be_there) return texture.error();
+  if (!texture) {
+    summary.note = "no texture: " + texture.error().message;
+    return summary;
+  }
+  if (auto written = write_mesh_obj(surface->mesh, *texture, comment, folder, kMeshName); !written)
+    return written.error();
+  return summary;
 }
 
 }  // namespace raysfm

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "raysfm/core/result.h"
+#include "raysfm/mesh/mesh_texture.h"
 #include "raysfm/mesh/surface_mesh.h"
 
 namespace raysfm {
@@ -15,5 +16,11 @@ namespace raysfm {
 // lists of vertices. `colors`: by vertex. `comment`: a line about the frame.
 Result<void> write_mesh_ply(const SurfaceMesh& mesh, const std::vector<std::array<uint8_t, 3>>& colors,
                             const std::string& comment, const std::filesystem::path& path);
+
+// Writes NAME.obj, NAME.mtl and NAME.jpg into `folder`: positions, places in the texture from its lower left
+// corner, faces of both; one material that is as bright as its texture, without light. Errors: bad input,
+// where a file cannot be written; internal where memory is not enough.
+Result<void> write_mesh_obj(const SurfaceMesh& mesh, const MeshTexture& texture, const std::string& comment,
+                            const std::filesystem::path& folder, const std::string& name);
 
 }  // namespace raysfm

@@ -11,6 +11,7 @@ namespace raysfm {
 namespace {
 
 constexpr double kLongest = 6;        // times the edges about a vertex
+constexpr double kNarrow = 2;         // likewise, of the height of a face that does no harm
 constexpr double kLeastPiece = 0.01;  // of all faces
 constexpr int kSmoothRounds = 2;
 
@@ -49,7 +50,9 @@ void drop_long(SurfaceMesh* mesh) {
     std::array<double, 3> usual;
     for (int k = 0; k < 3; ++k) usual[k] = about[mesh->faces[f][k]];
     std::ranges::sort(usual);
-    keep[f] = longest_edge(*mesh, static_cast<int>(f)) <= kLongest * usual[1];
+    const int face = static_cast<int>(f);
+    const double length = longest_edge(*mesh, face), across = 2 * face_area(*mesh, face) / length;
+    keep[f] = length <= kLongest * usual[1] || across <= kNarrow * usual[1];
   }
   keep_faces(keep, mesh);
 }

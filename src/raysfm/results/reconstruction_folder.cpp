@@ -254,4 +254,15 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   }
 }
 
+std::vector<std::string> inputs_of_result(const fs::path& folder) {
+  const Result<std::string> text = read_text_file(folder / "report.json", kMaxReportBytes);
+  const Json report = text ? Json::parse(*text, nullptr, false) : Json();
+  std::vector<std::string> inputs;
+  if (!report.is_object() || !report.contains("input")) return inputs;
+  for (const Json& input : report["input"]) {
+    if (input.is_string()) inputs.push_back(input);
+  }
+  return inputs;
+}
+
 }  // namespace raysfm

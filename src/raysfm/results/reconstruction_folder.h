@@ -1,6 +1,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "raysfm/core/result.h"
 #include "raysfm/scene/reconstruction.h"
@@ -16,5 +18,9 @@ namespace raysfm {
 //
 // Errors: bad input, naming the file.
 Result<Reconstruction> read_reconstruction(const std::filesystem::path& folder);
+
+// What a finished result was made of, as it was given then; none where report.json in the folder does not
+// tell.
+std::vector<std::string> inputs_of_result(const std::filesystem::path& folder);
 
 }  // namespace raysfm
