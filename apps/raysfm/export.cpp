@@ -56,7 +56,9 @@ Command add_export(CLI::App& program, const CommonOptions& common) {
   command->add_flag("--undistort", settings.undistort,
                     "cameras become pinholes, those wider than 60 degrees off the axis the faces of a cube");
   command
-      ->add_option("--images", settings.images, "video or folder of the frames: their images are written too; of a mesh, they are its texture")
+      ->add_option(
+          "--images", settings.images,
+          "video or folder of the frames: their images are written too; of a mesh, they are its texture")
       ->type_name("PATH");
   command
       ->add_option("--texture-side", settings.texture_side,

@@ -31,9 +31,8 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "export.json";
-constexpr std::string_view kFormats[] = {"colmap", "nerfstudio", "blender", "bundler",
-                                         "ply",    "tum",        "kitti",   "euroc",
-                                         "mesh"};
+constexpr std::string_view kFormats[] = {"colmap", "nerfstudio", "blender", "bundler", "ply",
+                                         "tum",    "kitti",      "euroc",   "mesh"};
 
 // Formats of images with cameras, and what they hold.
 struct SceneFormat {

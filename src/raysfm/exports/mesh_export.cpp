@@ -32,14 +32,15 @@ MeshScene mesh_scene(const Reconstruction& world, const ExportScene& scene) {
   return made;
 }
 
-Result<SceneSurface> make_surface(const MeshScene& scene) {
+Result<SceneSurface> make_surface(const MeshScene& scene, const MeshViews& views, ThreadPool& pool) {
   if (scene.sights.empty()) {
-    return no_reconstruction("the result does not tell which key frames see its points, so there is no surface");
+    return no_reconstruction(
+        "the result does not tell which key frames see its points, so there is no surface");
   }
-  std::vector<SurfacePoint> points = surface_points(scene);
+  const std::vector<SurfacePoint> points = surface_points(scene);
   const size_t known = points.size();
   if (known > 0) {
-    SceneSurface surface = scene_surface(std::move(points));
+    SceneSurface surface = scene_surface(points, views, pool);
     if (!surface.mesh.faces.empty()) return surface;
   }
   return no_reconstruction(
@@ -53,15 +54,12 @@ std::vector<std::array<uint8_t, 3>> colors_of(const SceneSurface& surface) {
   return colors;
 }
 
-Result<MeshTexture> paint(const Reconstruction& world, const ExportScene& scene, const MeshScene& seen,
+Result<MeshTexture> paint(const Reconstruction& world, const ExportScene& scene, const MeshViews& views,
                           const SceneSurface& surface, const MeshImages& images,
-                          const ExportProgress& progress) {
+                          const ExportProgress& progress, ThreadPool& pool) {
   const int total = static_cast<int>(scene.images.size());
-  ThreadPool pool(thread_count(images.input.threads) - 1);
-  const MeshViews views(seen);
   const std::vector<int> face_views = choose_face_views(surface, views, pool);
-  const std::vector<std::array<uint8_t, 3>> colors = colors_of(surface);
-  TexturePainter painter(surface.mesh, face_views, views, colors, images.texture_side);
+  TexturePainter painter(surface.mesh, face_views, views, images.texture_side);
   const Result<void> painted =
       visit_images(images.input, world, scene, [&](size_t i, const Image<uint8_t>& bgr) -> Result<void> {
         const int view = static_cast<int>(i);
@@ -80,11 +78,14 @@ Result<MeshSummary> write_mesh(const Reconstruction& world, const ExportScene& s
                                const ExportProgress& progress) {
   const MeshScene seen = mesh_scene(world, scene);
   if (progress) progress("surface", 0, 1);
-  const Result<SceneSurface> surface = make_surface(seen);
+  ThreadPool pool(thread_count(images.input.threads) - 1);
+  const MeshViews views(seen);
+  const Result<SceneSurface> surface = make_surface(seen, views, pool);
   if (!surface) return surface.error();
   MeshSummary summary{static_cast<int>(surface->mesh.faces.size()), {}};
-  const std::string comment = fmt::format("surface of the map in the world frame of trajectory.txt; scale: {}",
-                                          world.metric_scale ? "metric, metres" : "arbitrary");
+  const std::string comment =
+      fmt::format("surface of the map in the world frame of trajectory.txt; scale: {}",
+                  world.metric_scale ? "metric, metres" : "arbitrary");
   if (auto written = write_mesh_ply(surface->mesh, colors_of(*surface), comment,
                                     folder / fmt::format("{}.ply", kMeshName));
       !written) {
@@ -94,7 +95,7 @@ Result<MeshSummary> write_mesh(const Reconstruction& world, const ExportScene& s
     summary.note = "the images are not known, so there is no texture; --images tells them";
     return summary;
   }
-  const Result<MeshTexture> texture = paint(world, scene, seen, *surface, images, progress);
+  const Result<MeshTexture> texture = paint(world, scene, views, *surface, images, progress, pool);
   if (!texture && images.must_be_there) return texture.error();
   if (!texture) {
     summary.note = "no texture: " + texture.error().message;

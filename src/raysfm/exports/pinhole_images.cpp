@@ -115,8 +115,7 @@ class ImageWriter {
 Result<void> write_images(const ImageInput& input, const Reconstruction& world, const ExportScene& scene,
                           const UndistortedScene* pinholes, const fs::path& folder) {
   ImageWriter writer(scene, pinholes, folder);
-  return visit_images(input, world, scene,
-                      [&](size_t i, const Bgr& bgr) { return writer.write(i, bgr); });
+  return visit_images(input, world, scene, [&](size_t i, const Bgr& bgr) { return writer.write(i, bgr); });
 }
 
 }  // namespace raysfm

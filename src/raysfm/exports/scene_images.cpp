@@ -86,7 +86,8 @@ Result<void> visit_files(const ImageInput& input, const Reconstruction& world, c
 
 // The frames of `streams` that the scene has, counted as `track` and `solve` do.
 Result<void> visit_streams(const std::vector<std::unique_ptr<FrameSource>>& streams,
-                           const Reconstruction& world, const ExportScene& scene, const SceneImageVisitor& visit) {
+                           const Reconstruction& world, const ExportScene& scene,
+                           const SceneImageVisitor& visit) {
   FrameSetReader reader(streams);
   size_t next = 0;
   for (int number = 0; next < scene.images.size(); ++number) {

@@ -51,8 +51,8 @@ class CellCut {
   std::vector<int64_t> terminal_;  // by cell: > 0 from outside, < 0 to inside
   std::vector<int> reverse_;       // by arc
   std::vector<Tree> tree_;
-  std::vector<int> parent_;        // by cell: arc to its parent
-  std::vector<int> distance_;      // to the root, as of `stamp_`
+  std::vector<int> parent_;    // by cell: arc to its parent
+  std::vector<int> distance_;  // to the root, as of `stamp_`
   std::vector<int> stamp_;
   int now_ = 0;
   int64_t flow_ = 0;

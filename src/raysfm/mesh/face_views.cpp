@@ -1,18 +1,21 @@
 #include "raysfm/mesh/face_views.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <numeric>
+#include <span>
 
 #include "raysfm/mesh/sight_walk.h"
 
 namespace raysfm {
 namespace {
 
-constexpr double kLeastCosine = 0.08;   // between the normal of a face and the ray to it
-constexpr double kMostBend = 0.2;       // of an edge in the image, of its length
-constexpr double kFreePx = 2;           // that edges may bend anyway
-constexpr double kCloseToFace = 0.3;    // of its longest edge: what is full there hides nothing
+constexpr double kLeastCosine = 0.08;    // between the normal of a face and the ray to it
+constexpr double kMostBend = 0.35;       // of an edge in the image, of its length
+constexpr double kFreePx = 2;            // that edges may bend anyway
+constexpr double kCloseToFace = 0.3;     // of its longest edge: what is full there hides nothing
 constexpr double kNeighbourWorth = 0.3;  // of a neighbour with the same view, of the best view's size
 constexpr int kSweeps = 8;
 
@@ -28,32 +31,54 @@ class FaceRater {
 
   // The views that show a face: those that see its points, or else any.
   std::vector<RatedView> rate(int face) const {
-    std::vector<int> candidates;
-    for (const int v : surface_.mesh.faces[face]) {
-      const std::vector<int>& seen = surface_.space.points[surface_.mesh.points[v]].views;
-      candidates.insert(candidates.end(), seen.begin(), seen.end());
+    const std::vector<int> near = views_of_points(face), all = all_views();
+    for (const bool whole : {true, false}) {
+      for (const std::vector<int>* candidates : {&near, &all}) {
+        std::vector<RatedView> rated = rate(face, *candidates, whole);
+        if (!rated.empty()) return rated;
+      }
     }
-    std::ranges::sort(candidates);
-    candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
-    std::vector<RatedView> rated = rate(face, candidates);
-    if (!rated.empty()) return rated;
-    candidates.resize(views_.count());
-    std::iota(candidates.begin(), candidates.end(), 0);
-    return rate(face, candidates);
+    return {};
   }
 
  private:
-  std::vector<RatedView> rate(int face, const std::vector<int>& candidates) const {
+  std::vector<int> views_of_points(int face) const {
+    std::vector<int> views;
+    for (const int v : surface_.mesh.faces[face]) {
+      const std::vector<int>& seen = surface_.space.points[surface_.mesh.points[v]].views;
+      views.insert(views.end(), seen.begin(), seen.end());
+    }
+    std::ranges::sort(views);
+    views.erase(std::unique(views.begin(), views.end()), views.end());
+    return views;
+  }
+
+  std::vector<int> all_views() const {
+    std::vector<int> views(views_.count());
+    std::iota(views.begin(), views.end(), 0);
+    return views;
+  }
+
+  std::vector<RatedView> rate(int face, const std::vector<int>& candidates, bool whole) const {
     std::vector<RatedView> rated;
     for (const int view : candidates) {
-      const double size = size_in(face, view);
+      const double size = size_in(face, view, whole);
       if (size > 0) rated.push_back({view, size});
     }
     return rated;
   }
 
-  // 0 where the view does not show all of the face.
-  double size_in(int face, int view) const {
+  // The middle of a face, and places near its corners.
+  std::array<Eigen::Vector3d, 4> places_of(int face) const {
+    const auto& [a, b, c] = surface_.mesh.faces[face];
+    const std::vector<Eigen::Vector3d>& x = surface_.mesh.positions;
+    const Eigen::Vector3d middle = (x[a] + x[b] + x[c]) / 3;
+    return {middle, (middle + 3 * x[a]) / 4, (middle + 3 * x[b]) / 4, (middle + 3 * x[c]) / 4};
+  }
+
+  // 0 where the view does not have all of the face in its image, or something is before its middle, or where
+  // the `whole` face shall be seen before another place of it.
+  double size_in(int face, int view, bool whole) const {
     Eigen::Vector3d x[3];
     Eigen::Vector2d pixel[3], middle;
     for (int k = 0; k < 3; ++k) {
@@ -66,14 +91,12 @@ class FaceRater {
       const double bend = (middle - (pixel[k] + pixel[next]) / 2).norm();
       if (bend > kMostBend * (pixel[k] - pixel[next]).norm() + kFreePx) return 0;
     }
-    const Eigen::Vector2d a = pixel[1] - pixel[0], b = pixel[2] - pixel[0];
-    const double area = std::abs(a.x() * b.y() - a.y() * b.x()) / 2;
-    const Eigen::Vector3d centre = (x[0] + x[1] + x[2]) / 3;
-    if (!is_seen(face, view, centre)) return 0;
-    for (const Eigen::Vector3d& corner : x) {
-      if (!is_seen(face, view, (centre + 3 * corner) / 4)) return 0;
+    const std::array<Eigen::Vector3d, 4> places = places_of(face);
+    for (const Eigen::Vector3d& place : std::span(places).first(whole ? 4 : 1)) {
+      if (!is_seen(face, view, place)) return 0;
     }
-    return std::sqrt(area);
+    const Eigen::Vector2d a = pixel[1] - pixel[0], b = pixel[2] - pixel[0];
+    return std::sqrt(std::abs(a.x() * b.y() - a.y() * b.x()) / 2);
   }
 
   // From its front, and nothing full is between.
@@ -132,6 +155,13 @@ std::vector<int> choose_face_views(const SceneSurface& surface, const MeshViews&
     }
   }
   return chosen;
+}
+
+void drop_unseen(const MeshViews& views, ThreadPool& pool, SceneSurface* surface) {
+  std::vector<uint8_t> keep(surface->mesh.faces.size(), 0);
+  const FaceRater rater(*surface, views);
+  pool.parallel_for(static_cast<int>(keep.size()), [&](int f) { keep[f] = !rater.rate(f).empty(); });
+  keep_faces(keep, &surface->mesh);
 }
 
 }  // namespace raysfm

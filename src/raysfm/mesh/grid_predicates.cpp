@@ -46,11 +46,11 @@ T squared_norm(const Row<T>& a) {
 }  // namespace
 
 int orientation(const GridPoint& a, const GridPoint& b, const GridPoint& c, const GridPoint& d) {
-  const Row<double> ad = difference<double>(a, d), bd = difference<double>(b, d), cd = difference<double>(c, d);
+  const Row<double> ad = difference<double>(a, d), bd = difference<double>(b, d),
+                    cd = difference<double>(c, d);
   const double volume = determinant(ad, bd, cd);
   if (std::abs(volume) > kRounding * permanent(ad, bd, cd)) return sign_of(volume);
-  return sign_of(
-      determinant(difference<Int128>(a, d), difference<Int128>(b, d), difference<Int128>(c, d)));
+  return sign_of(determinant(difference<Int128>(a, d), difference<Int128>(b, d), difference<Int128>(c, d)));
 }
 
 int in_sphere(const GridPoint& a, const GridPoint& b, const GridPoint& c, const GridPoint& d,

@@ -1,17 +1,18 @@
 #include "raysfm/mesh/mesh_surface.h"
 
 #include <algorithm>
-#include <cmath>
+#include <cstdint>
 #include <map>
 #include <utility>
 
 #include "raysfm/core/median.h"
+#include "raysfm/mesh/face_views.h"
 
 namespace raysfm {
 namespace {
 
 constexpr double kLongest = 6;        // times the edges about a vertex
-constexpr double kNarrow = 2;         // likewise, of the height of a face that does no harm
+constexpr double kNarrow = 0.7;       // likewise, of the height of a face that does no harm
 constexpr double kLeastPiece = 0.01;  // of all faces
 constexpr int kSmoothRounds = 2;
 
@@ -52,7 +53,7 @@ void drop_long(SurfaceMesh* mesh) {
     std::ranges::sort(usual);
     const int face = static_cast<int>(f);
     const double length = longest_edge(*mesh, face), across = 2 * face_area(*mesh, face) / length;
-    keep[f] = length <= kLongest * usual[1] || across <= kNarrow * usual[1];
+    keep[f] = length <= kLongest * usual[1] || across <= kNarrow * usual[0];
   }
   keep_faces(keep, mesh);
 }
@@ -69,15 +70,17 @@ void drop_small(SurfaceMesh* mesh) {
 
 }  // namespace
 
-SceneSurface scene_surface(std::vector<SurfacePoint> points) {
+SceneSurface scene_surface(const std::vector<SurfacePoint>& points, const MeshViews& views,
+                           ThreadPool& pool) {
   SceneSurface made{divide_space(points), {}};
   made.mesh = made.space.surface;
   keep_real(&made);
   drop_long(&made.mesh);
-  drop_small(&made.mesh);
   std::vector<double> reach;
   for (const int point : made.mesh.points) reach.push_back(made.space.points[point].sigma);
   smooth(reach, kSmoothRounds, &made.mesh);
+  drop_unseen(views, pool, &made);
+  drop_small(&made.mesh);
   return made;
 }
 

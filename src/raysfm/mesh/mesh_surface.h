@@ -1,23 +1,22 @@
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <vector>
 
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/mesh/mesh_views.h"
 #include "raysfm/mesh/surface_points.h"
 #include "raysfm/mesh/visibility_surface.h"
 
 namespace raysfm {
 
-// A surface with what is known about it.
-struct SceneSurface {
-  SpaceDivision space;  // `surface` is that of all of space
-  SurfaceMesh mesh;     // what of it the cameras vouch for; may be empty
-};
-
-// The surface of a scene: that of divide_space() without the border of the box, without faces that are much
-// larger than those about them where no ray was behind them (the sky between two roofs), and without pieces
-// that are small beside the largest one; smoothed within the standard deviations of its points.
-SceneSurface scene_surface(std::vector<SurfacePoint> points);
+// The surface of a scene: that of divide_space(), less
+//  - the border of the box,
+//  - faces much longer than the edges about them, as between a roof and the next street,
+//  - faces of which no view shows all, the middle unhidden: what closes the surface where nobody has looked,
+//  - pieces that are small beside the whole,
+// and smoothed within the standard deviations of its points. Every edge has one face or two, every vertex one
+// fan of faces; all faces of a piece have their outside on the same side. Empty where nothing is left of it.
+// `points` must not be empty. Bit-identical for any number of threads.
+SceneSurface scene_surface(const std::vector<SurfacePoint>& points, const MeshViews& views, ThreadPool& pool);
 
 }  // namespace raysfm

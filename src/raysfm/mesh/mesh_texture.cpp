@@ -9,9 +9,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMargin = 2;        // texels about a patch, painted as if faces went on
-constexpr double kPlainSide = 3;  // texels of a face without a view
-constexpr int kMostSamples = 4;   // per axis of a texel
+constexpr int kMargin = 2;       // texels about a patch, painted as if faces went on
+constexpr int kMostSamples = 4;  // per axis of a texel
 
 // Barycentric coordinates of a place in a triangle; false where that has no area.
 bool barycentric(const std::array<Eigen::Vector2d, 3>& triangle, const Eigen::Vector2d& place,
@@ -19,7 +18,8 @@ bool barycentric(const std::array<Eigen::Vector2d, 3>& triangle, const Eigen::Ve
   const Eigen::Vector2d a = triangle[1] - triangle[0], b = triangle[2] - triangle[0], p = place - triangle[0];
   const double area = a.x() * b.y() - a.y() * b.x();
   if (std::abs(area) < 1e-9) return false;
-  const double second = (p.x() * b.y() - p.y() * b.x()) / area, third = (a.x() * p.y() - a.y() * p.x()) / area;
+  const double second = (p.x() * b.y() - p.y() * b.x()) / area,
+               third = (a.x() * p.y() - a.y() * p.x()) / area;
   *weights = {1 - second - third, second, third};
   return true;
 }
@@ -53,21 +53,16 @@ TexelBox texels_about(const std::array<Eigen::Vector2d, 3>& triangle, int width,
 }  // namespace
 
 TexturePainter::TexturePainter(const SurfaceMesh& mesh, const std::vector<int>& face_views,
-                               const MeshViews& views, const std::vector<std::array<uint8_t, 3>>& colors,
-                               int most_side)
+                               const MeshViews& views, int most_side)
     : mesh_(mesh),
       face_views_(face_views),
       views_(views),
-      colors_(colors),
       patch_of_(mesh.faces.size(), -1),
       in_patch_(mesh.faces.size()),
       patches_of_view_(views.count()) {
   make_patches();
   double scale = 1;
   while (!place_all(scale, most_side)) scale *= 0.9;
-  for (size_t f = 0; f < mesh_.faces.size(); ++f) {
-    if (face_views_[f] < 0) paint_plain(static_cast<int>(f));
-  }
 }
 
 void TexturePainter::make_patches() {
@@ -76,7 +71,7 @@ void TexturePainter::make_patches() {
     const int patch = static_cast<int>(patch_faces_.size()), view = face_views_[first];
     std::vector<int> faces = {static_cast<int>(first)};
     patch_of_[first] = patch;
-    for (size_t i = 0; i < faces.size() && view >= 0; ++i) {
+    for (size_t i = 0; i < faces.size(); ++i) {
       for (const int there : mesh_.beyond[faces[i]]) {
         if (there < 0 || patch_of_[there / 3] >= 0 || face_views_[there / 3] != view) continue;
         patch_of_[there / 3] = patch;
@@ -84,20 +79,18 @@ void TexturePainter::make_patches() {
       }
     }
     lay_out(faces);
-    if (view >= 0) patches_of_view_[view].push_back(patch);
+    patches_of_view_[view].push_back(patch);
     patch_faces_.push_back(std::move(faces));
   }
 }
 
-// As the view has them; faces without one as small triangles.
+// As the view has them.
 void TexturePainter::lay_out(const std::vector<int>& faces) {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const int f : faces) {
-    in_patch_[f] = {Eigen::Vector2d(0, 0), {kPlainSide, 0}, {0, kPlainSide}};
     for (int k = 0; k < 3; ++k) {
-      if (face_views_[f] >= 0) {
-        views_.pixel(face_views_[f], mesh_.positions[mesh_.faces[f][k]], &in_patch_[f][k]);
-      }
+      // Its face was chosen because the view sees it.
+      views_.pixel(face_views_[f], mesh_.positions[mesh_.faces[f][k]], &in_patch_[f][k]);
       low = low.cwiseMin(in_patch_[f][k]);
       high = high.cwiseMax(in_patch_[f][k]);
     }
@@ -113,10 +106,9 @@ bool TexturePainter::place_all(double scale, int most_side) {
   double area = 0;
   int widest = 1;
   for (const Eigen::Vector2d& size : patch_size_) {
-    const double plain = kPlainSide + 2 * kMargin + 1;
     AtlasPatch patch;
-    patch.width = static_cast<int>(std::ceil(std::max(plain, scale * size.x() + 2 * kMargin + 1)));
-    patch.height = static_cast<int>(std::ceil(std::max(plain, scale * size.y() + 2 * kMargin + 1)));
+    patch.width = static_cast<int>(std::ceil(scale * size.x() + 2 * kMargin + 1));
+    patch.height = static_cast<int>(std::ceil(scale * size.y() + 2 * kMargin + 1));
     area += static_cast<double>(patch.width) * patch.height;
     widest = std::max(widest, patch.width);
     patches.push_back(patch);
@@ -135,10 +127,8 @@ bool TexturePainter::place_all(double scale, int most_side) {
   texture_.places.resize(mesh_.faces.size());
   for (size_t f = 0; f < mesh_.faces.size(); ++f) {
     const AtlasPatch& patch = patches[patch_of_[f]];
-    const double of_pixel = face_views_[f] >= 0 ? scale : 1;
     for (int k = 0; k < 3; ++k) {
-      texture_.places[f][k] =
-          of_pixel * in_patch_[f][k] + Eigen::Vector2d(patch.x + kMargin, patch.y + kMargin);
+      texture_.places[f][k] = scale * in_patch_[f][k] + Eigen::Vector2d(patch.x + kMargin, patch.y + kMargin);
     }
   }
   return true;
@@ -188,24 +178,6 @@ void TexturePainter::paint_face(int view, ImageView<const uint8_t> bgr, int face
       painted_.row(y)[x] = rank;
       for (int c = 0; c < 3; ++c)
         texture_.rgb.row(y)[3 * x + c] = static_cast<uint8_t>(std::lround(sum[c] / count));
-    }
-  }
-}
-
-// Between the colours of its corners.
-void TexturePainter::paint_plain(int face) {
-  const auto& triangle = texture_.places[face];
-  const TexelBox box = texels_about(triangle, painted_.width(), painted_.height());
-  for (int y = box.top; y <= box.bottom; ++y) {
-    for (int x = box.left; x <= box.right; ++x) {
-      Eigen::Vector3d weights;
-      if (!barycentric(triangle, Eigen::Vector2d(x, y), &weights)) return;
-      weights = weights.cwiseMax(0) / weights.cwiseMax(0).sum();
-      for (int c = 0; c < 3; ++c) {
-        double sum = 0;
-        for (int k = 0; k < 3; ++k) sum += weights[k] * colors_[mesh_.faces[face][k]][c];
-        texture_.rgb.row(y)[3 * x + c] = static_cast<uint8_t>(std::lround(sum));
-      }
     }
   }
 }

@@ -26,9 +26,9 @@ class MeshViews {
   double skew_shift(int camera, double v) const;
 
   const MeshScene& scene_;
-  std::vector<PixelFinder> finders_;         // by camera
-  std::vector<Eigen::Vector2d> fy_and_cy_;   // of lenses that have a skew
-  std::vector<Rigid3> cam_from_world_;       // by view
+  std::vector<PixelFinder> finders_;        // by camera
+  std::vector<Eigen::Vector2d> fy_and_cy_;  // of lenses that have a skew
+  std::vector<Rigid3> cam_from_world_;      // by view
 };
 
 }  // namespace raysfm

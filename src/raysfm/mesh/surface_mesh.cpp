@@ -142,9 +142,9 @@ Eigen::Vector3d face_normal(const SurfaceMesh& mesh, int face) {
 double longest_edge(const SurfaceMesh& mesh, int face) {
   double longest = 0;
   for (int e = 0; e < 3; ++e) {
-    longest = std::max(longest, (mesh.positions[mesh.faces[face][e]] -
-                                 mesh.positions[mesh.faces[face][(e + 1) % 3]])
-                                    .norm());
+    longest = std::max(
+        longest,
+        (mesh.positions[mesh.faces[face][e]] - mesh.positions[mesh.faces[face][(e + 1) % 3]]).norm());
   }
   return longest;
 }
@@ -154,8 +154,7 @@ void smooth(const std::vector<double>& reach, int rounds, SurfaceMesh* mesh) {
   std::vector<uint8_t> on_border(given.size(), 0);
   for (size_t f = 0; f < mesh->faces.size(); ++f) {
     for (int e = 0; e < 3; ++e) {
-      if (mesh->beyond[f][e] < 0)
-        on_border[mesh->faces[f][e]] = on_border[mesh->faces[f][(e + 1) % 3]] = 1;
+      if (mesh->beyond[f][e] < 0) on_border[mesh->faces[f][e]] = on_border[mesh->faces[f][(e + 1) % 3]] = 1;
     }
   }
   for (int round = 0; round < rounds; ++round) {

@@ -11,9 +11,9 @@ namespace raysfm {
 // counter-clockwise. Edge e of a face leads from its vertex e to vertex (e + 1) % 3.
 struct SurfaceMesh {
   std::vector<Eigen::Vector3d> positions;
-  std::vector<int> points;                  // by vertex: the SurfacePoint that it is
-  std::vector<std::array<int, 3>> faces;    // vertices
-  std::vector<std::array<int, 3>> beyond;   // by face and edge: 3 * face + edge on the other side, -1: border
+  std::vector<int> points;                 // by vertex: the SurfacePoint that it is
+  std::vector<std::array<int, 3>> faces;   // vertices
+  std::vector<std::array<int, 3>> beyond;  // by face and edge: 3 * face + edge on the other side, -1: border
 };
 
 // Takes the faces away for which `keep` is 0; vertices that no face has any more go too, and those that hold

@@ -39,8 +39,8 @@ bool world_ray(const MeshScene& scene, const Sight& sight, WorldRay* out) {
 }
 
 // Rays that pass the point within a few pixels.
-std::vector<WorldRay> good_rays(const MeshScene& scene, const Eigen::Vector3d& point,
-                                const Sight* first, const Sight* last) {
+std::vector<WorldRay> good_rays(const MeshScene& scene, const Eigen::Vector3d& point, const Sight* first,
+                                const Sight* last) {
   const double most = kMostError * std::max(kLeastErrorPx, scene.error_px);
   std::vector<WorldRay> rays;
   for (const Sight* sight = first; sight != last; ++sight) {
@@ -73,11 +73,11 @@ bool measure(const MeshScene& scene, const std::vector<WorldRay>& rays, SurfaceP
     const double sigma = pixels * r.angle * distance;
     nearest = std::min(nearest, distance);
     point->pixel = std::min(point->pixel, r.angle * distance);
-    information += (Eigen::Matrix3d::Identity() - r.ray.direction * r.ray.direction.transpose()) /
-                   (sigma * sigma);
+    information +=
+        (Eigen::Matrix3d::Identity() - r.ray.direction * r.ray.direction.transpose()) / (sigma * sigma);
   }
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(information, Eigen::EigenvaluesOnly)
-                           .eigenvalues()[0];
+  const double least =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(information, Eigen::EigenvaluesOnly).eigenvalues()[0];
   point->sigma = 1 / std::sqrt(std::max(least, 1e-300));
   return point->sigma <= kMostRelativeSigma * nearest;
 }

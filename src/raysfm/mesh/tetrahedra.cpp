@@ -6,8 +6,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kHintSide = 32;      // parts of the box along an axis
-constexpr int kMostNudges = 64;    // before a point is given up
+constexpr int kHintSide = 32;       // parts of the box along an axis
+constexpr int kMostNudges = 64;     // before a point is given up
 constexpr int kMostSteps = 100000;  // of a walk through the tetrahedra
 
 // A cube in six tetrahedra about its diagonal 0 - 7; corner k has the coordinates of its bits.
@@ -31,7 +31,9 @@ GridPoint nudged(GridPoint point, int attempt) {
 }  // namespace
 
 Tetrahedra::Tetrahedra(const Eigen::AlignedBox3d& box)
-    : low_(box.min()), step_(box.sizes().maxCoeff() / (kGridSide - 1)), hints_(kHintSide * kHintSide * kHintSide) {
+    : low_(box.min()),
+      step_(box.sizes().maxCoeff() / (kGridSide - 1)),
+      hints_(kHintSide * kHintSide * kHintSide) {
   if (!(step_ > 0)) step_ = 1;
   GridPoint high;
   for (int k = 0; k < 3; ++k) {

@@ -19,8 +19,8 @@ struct Tetrahedron {
 
 // Delaunay tetrahedra of points in a box, whose eight corners are vertices 0 to 7. Points are rounded to a
 // grid of kGridSide steps along the longest side of the box, on which all decisions are exact: what is built
-// is the Delaunay tetrahedralisation of the rounded points, whatever they are. The order of the points decides
-// among cospherical ones alone.
+// is the Delaunay tetrahedralisation of the rounded points, whatever they are. The order of the points
+// decides among cospherical ones alone.
 class Tetrahedra {
  public:
   static constexpr int kCorners = 8;
@@ -31,9 +31,9 @@ class Tetrahedra {
   // Whether a point may be added, or located: inside the box, and not on its border.
   bool contains(const Eigen::Vector3d& point) const;
 
-  // Adds a point that the box contains: its number, or that of a vertex at the same place of the grid. A point
-  // that lies in the plane of a face about it, exactly, is moved by a step or two of the grid; -1 where that
-  // does not help, which needs a few thousand points in one place.
+  // Adds a point that the box contains: its number, or that of a vertex at the same place of the grid. A
+  // point that lies in the plane of a face about it, exactly, is moved by a step or two of the grid; -1 where
+  // that does not help, which needs a few thousand points in one place.
   int add(const Eigen::Vector3d& point);
 
   // The tetrahedron about a point that the box contains.

@@ -25,7 +25,8 @@ Eigen::AlignedBox3d box_about(std::span<const SurfacePoint> points) {
     box.extend(point.position);
     for (const Eigen::Vector3d& eye : point.eyes) box.extend(eye);
   }
-  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(kBoxMargin * std::max(1e-9, box.sizes().maxCoeff()));
+  const Eigen::Vector3d margin =
+      Eigen::Vector3d::Constant(kBoxMargin * std::max(1e-9, box.sizes().maxCoeff()));
   return {box.min() - margin, box.max() + margin};
 }
 
@@ -125,8 +126,7 @@ void add_flatness(const Tetrahedra& tetrahedra, CellCut* cut) {
       if (cells[cell].vertices[0] < 0 || beyond < static_cast<int>(cell)) continue;
       const auto& back = cells[beyond].neighbours;
       const int there = static_cast<int>(std::ranges::find(back, static_cast<int>(cell)) - back.begin());
-      const double cosine =
-          std::min(cosine_of(cell, face), cosine_of(static_cast<size_t>(beyond), there));
+      const double cosine = std::min(cosine_of(cell, face), cosine_of(static_cast<size_t>(beyond), there));
       const int64_t cost = std::llround(kFlatness * (1 - cosine) * kUnit / 2);
       cut->add_face(static_cast<int>(cell), face, cost);
       cut->add_face(beyond, there, cost);
