@@ -1,19 +1,19 @@
 #include "raysfm/mesh/mesh_surface.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <utility>
 
-#include "raysfm/core/median.h"
 #include "raysfm/mesh/face_views.h"
 
 namespace raysfm {
 namespace {
 
-constexpr double kLongest = 6;        // times the edges about a vertex
-constexpr double kNarrow = 0.7;       // likewise, of the height of a face that does no harm
-constexpr double kLeastPiece = 0.01;  // of all faces
+constexpr double kLongest = 20;        // times the edges about a vertex
+constexpr double kNarrow = 0.7;        // likewise, of the height of a face that does no harm
+constexpr double kLeastPiece = 0.003;  // of all faces
 constexpr int kSmoothRounds = 2;
 
 void keep_real(SceneSurface* made) {
@@ -27,7 +27,8 @@ void keep_real(SceneSurface* made) {
   keep_faces(keep, &mesh);
 }
 
-// Median length of the edges at each vertex.
+// Length of the edges at each vertex that a quarter of them do not reach: those at the end of a wall that
+// lead far away do not count.
 std::vector<double> edges_about(const SurfaceMesh& mesh) {
   std::vector<std::vector<double>> lengths(mesh.positions.size());
   for (const auto& face : mesh.faces) {
@@ -37,11 +38,14 @@ std::vector<double> edges_about(const SurfaceMesh& mesh) {
       lengths[face[(e + 1) % 3]].push_back(length);
     }
   }
-  std::vector<double> medians(lengths.size(), 0.0);
+  std::vector<double> usual(lengths.size(), 0.0);
   for (size_t v = 0; v < lengths.size(); ++v) {
-    if (!lengths[v].empty()) medians[v] = median_of(&lengths[v]);
+    if (lengths[v].empty()) continue;
+    const auto quarter = lengths[v].begin() + static_cast<ptrdiff_t>(lengths[v].size() / 4);
+    std::nth_element(lengths[v].begin(), quarter, lengths[v].end());
+    usual[v] = *quarter;
   }
-  return medians;
+  return usual;
 }
 
 void drop_long(SurfaceMesh* mesh) {
