@@ -183,6 +183,11 @@ class Images(ExportTest):
         self.assertEqual(names, {str(p.relative_to(cube / "images")) for p in (cube / "images").rglob("*.png")})
         rig = json.loads((cube / "rig_config.json").read_text())
         self.assertEqual(len(rig[0]["cameras"]), 6)
+        # Who sees what is in the result all the same: the cube's images have keypoints, and there is a surface.
+        report = json.loads((out / "report.json").read_text())
+        seen = sum(map(len, read_images_bin(cube / "sparse/0/images.bin").values()))
+        self.assertGreater(seen, 0.9 * report["observations"])
+        self.assertIn("mesh.jpg", contents(self.export("--format", "mesh", "--world", 0, *arguments, source=out)))
 
 
 class Folders(ExportTest):
@@ -204,6 +209,76 @@ class Folders(ExportTest):
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertTrue((self.folder / "a 'result' \u00e4-euroc/data.csv").exists())
         self.assertEqual(contents(result), contents(OUT))
+
+    def read_ply(self, path):
+        """Positions, colours and faces, by the definition of PLY and the header's own list."""
+        bytes_ = path.read_bytes()
+        header, _, body = bytes_.partition(b"end_header\n")
+        counts = {words[1]: int(words[2]) for words in (line.split() for line in header.decode().splitlines()) if words[0] == "element"}
+        self.assertIn(b"format binary_little_endian 1.0", header)
+        vertices = [struct.unpack_from("<3f3B", body, 15 * v) for v in range(counts["vertex"])]
+        faces = [struct.unpack_from("<B3i", body, 15 * len(vertices) + 13 * f) for f in range(counts["face"])]
+        self.assertEqual(len(body), 15 * len(vertices) + 13 * len(faces))
+        self.assertEqual({face[0] for face in faces}, {3})
+        return vertices, [face[1:] for face in faces]
+
+    def read_obj(self, path):
+        positions, places, faces = [], [], []
+        for words in (line.split() for line in path.read_text().splitlines()):
+            if words[0] == "v":
+                positions.append(tuple(map(float, words[1:])))
+            elif words[0] == "vt":
+                places.append(tuple(map(float, words[1:])))
+            elif words[0] == "f":
+                faces.append([tuple(int(n) - 1 for n in corner.split("/")) for corner in words[1:]])
+        return positions, places, faces
+
+    def test_a_surface(self):
+        out = self.export("--format", "mesh", says=["faces"])
+        self.assertEqual(set(contents(out)), {"mesh.ply", "mesh.obj", "mesh.mtl", "mesh.jpg", "export.json"})
+        vertices, faces = self.read_ply(out / "mesh.ply")
+        positions, places, textured = self.read_obj(out / "mesh.obj")
+        self.assertGreater(len(faces), 300)
+        self.assertEqual([tuple(v for v, _ in face) for face in textured], faces)
+        for position, vertex in zip(positions, vertices, strict=True):
+            for a, b in zip(position, vertex):
+                self.assertAlmostEqual(a, b, delta=1e-5 * max(1, abs(b)))
+        self.assertTrue(all(0 <= x <= 1 for place in places for x in place))
+        edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1])]
+        self.assertEqual(len(edges), len(set(edges)), "an edge has two faces that go round the same way")
+        self.assertEqual(sorted({v for face in faces for v in face}), list(range(len(vertices))))
+        again = self.folder / "again"
+        self.assertEqual(run("--threads", 1, "export", OUT, "--format", "mesh", "--out", again, "--images", STREET).returncode, 0)
+        self.assertEqual(contents(again), contents(out))
+
+    def test_a_surface_without_images(self):
+        source = self.folder / "moved"
+        shutil.copytree(OUT, source)
+        report = json.loads((source / "report.json").read_text())
+        report["input"] = [str(self.folder / "gone")]
+        (source / "report.json").write_text(json.dumps(report))
+        out = self.export("--format", "mesh", source=source, says=["no texture", "gone"])
+        self.assertEqual(set(contents(out)), {"mesh.ply", "export.json"})
+        self.refused("export", source, "--format", "mesh", "--out", self.folder / "no", "--images", self.folder / "gone", says=["gone"])
+        self.refused("export", OUT, "--format", "mesh", "--texture-side", 10, says=["--texture-side", "10", "64"])
+        self.refused("export", OUT, "--format", "mesh", "--undistort", says=["--undistort"])
+
+    @unittest.skipUnless(shutil.which("blender"), "blender is not installed")
+    def test_blender_reads_the_surface(self):
+        out = self.export("--format", "mesh")
+        script = self.folder / "read.py"
+        script.write_text(f"""import bpy
+bpy.ops.wm.obj_import(filepath={str(out / "mesh.obj")!r})
+mesh = bpy.context.selected_objects[0].data
+image = [node.image for node in mesh.materials[0].node_tree.nodes if node.type == "TEX_IMAGE"][0]
+print("READ", len(mesh.vertices), len(mesh.polygons), len(mesh.uv_layers), *image.size)
+""")
+        done = subprocess.run(["blender", "--background", "--factory-startup", "--python", script], capture_output=True, text=True, timeout=120)
+        line = next((line for line in done.stdout.splitlines() if line.startswith("READ")), done.stdout + done.stderr)
+        vertices, faces = self.read_ply(out / "mesh.ply")
+        read = line.split()
+        self.assertEqual(read[:4], ["READ", str(len(vertices)), str(len(faces)), "1"])
+        self.assertGreater(int(read[4]), 100)
 
     def test_names_that_are_awkward(self):
         model = adjust_test.Colmap()

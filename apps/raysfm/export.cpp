@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "commands.h"
+#include "terminal.h"
 
 namespace raysfm::app {
 namespace {
@@ -22,12 +23,17 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   settings.result = arguments.result;
   settings.out = arguments.out;
   settings.threads = common.threads;
-  const Result<ExportSummary> summary = export_result(settings);
+  ProgressLine line(common.quiet);
+  const Result<ExportSummary> summary = export_result(settings, [&](const char* stage, int done, int total) {
+    if (line.terminal()) line.show(fmt::format("{} {}/{}", stage, done, total));
+  });
+  line.finish();
   if (!summary) return summary.error();
   if (common.quiet) return 0;
   for (const std::string& note : summary->notes)
     std::fprintf(stderr, "raysfm export: note: %s\n", note.c_str());
   std::string counts = fmt::format("{} frames with a pose", summary->frames);
+  if (summary->faces > 0) counts += fmt::format(", {} faces", summary->faces);
   if (summary->images > 0) counts += fmt::format(", {} images", summary->images);
   std::printf("%s, %d points; written to %s\n", counts.c_str(), summary->points, summary->out.c_str());
   return 0;
@@ -50,8 +56,14 @@ Command add_export(CLI::App& program, const CommonOptions& common) {
   command->add_flag("--undistort", settings.undistort,
                     "cameras become pinholes, those wider than 60 degrees off the axis the faces of a cube");
   command
-      ->add_option("--images", settings.images, "video or folder of the frames: their images are written too")
+      ->add_option(
+          "--images", settings.images,
+          "video or folder of the frames: their images are written too; of a mesh, they are its texture")
       ->type_name("PATH");
+  command
+      ->add_option("--texture-side", settings.texture_side,
+                   "most texels along a side of the texture of --format mesh")
+      ->capture_default_str();
   command->add_flag("--all-frames", settings.all_frames, "every frame with a pose, not key frames alone");
   command->add_option("--camera", settings.camera, "camera file, for results that do not tell their cameras")
       ->type_name("FILE");

@@ -66,7 +66,7 @@ Report report_of(const JoinedPieces& joined, const JoinArguments& arguments, uin
   Report report;
   report.version = RAYSFM_VERSION;
   report.seed = seed;
-  report.input = read_inputs(arguments.pieces[0]);
+  report.input = inputs_of_result(arguments.pieces[0]);
   report.camera_class = to_string(camera_class(rig.rig()));
   report.error = rig.angular() ? "angular" : "pixel";
   report.frames_in_input = static_cast<int>(joined.result.frames.size());

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "raysfm/page/frame_features.h"
 #include "raysfm/page/frame_pictures.h"
 #include "raysfm/page/page.h"
+#include "raysfm/page/page_mesh.h"
 #include "raysfm/results/reconstruction_folder.h"
 #include "terminal.h"
 
@@ -21,9 +23,23 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Arguments {
-  std::string result, html, port;
+  std::string result, html, port, mesh;
   std::vector<std::string> images;
 };
+
+// The surface that was asked for, or else lies beside the result; an older or damaged one that nobody asked
+// for is nothing but a note.
+Result<std::optional<PageMesh>> mesh_of(const Arguments& arguments, const CommonOptions& common) {
+  const fs::path folder =
+      arguments.mesh.empty() ? mesh_folder_of(arguments.result) : fs::path(arguments.mesh);
+  if (folder.empty()) return std::optional<PageMesh>();
+  Result<PageMesh> mesh = read_page_mesh(folder);
+  if (mesh) return std::optional<PageMesh>(*std::move(mesh));
+  if (!arguments.mesh.empty()) return mesh.error();
+  if (!common.quiet)
+    std::fprintf(stderr, "raysfm view: note: no surface: %s\n", mesh.error().message.c_str());
+  return std::optional<PageMesh>();
+}
 
 Result<int> write_html(const Arguments& arguments, const CommonOptions& common) {
   const std::string inputs[] = {arguments.result + "/report.json", arguments.result + "/points.ply",
@@ -31,8 +47,13 @@ Result<int> write_html(const Arguments& arguments, const CommonOptions& common) 
   if (auto r = check_not_input("--html", arguments.html, inputs); !r) return r.error();
   const Result<Reconstruction> result = read_reconstruction(arguments.result);
   if (!result) return result.error();
-  const Result<std::string> html = page_html(
-      *result, {.title = title_of({arguments.result}), .stages = read_stage_times(arguments.result)}, false);
+  Result<std::optional<PageMesh>> mesh = mesh_of(arguments, common);
+  if (!mesh) return mesh.error();
+  const Result<std::string> html = page_html(*result,
+                                             {.title = title_of({arguments.result}),
+                                              .stages = read_stage_times(arguments.result),
+                                              .mesh = *std::move(mesh)},
+                                             false);
   if (!html) return html.error();
   if (auto r = write_file(arguments.html, *html); !r) return r.error();
   if (!common.quiet) std::printf("written to %s; open it in a browser\n", arguments.html.c_str());
@@ -70,8 +91,11 @@ Result<int> serve(const Arguments& arguments, const CommonOptions& common) {
   if (!result) return result.error();
   const StopSignals stop;
   ServedResult served(*std::move(result),
-                      arguments.images.empty() ? read_inputs(arguments.result) : arguments.images);
+                      arguments.images.empty() ? inputs_of_result(arguments.result) : arguments.images);
   served.info = {.title = title_of({arguments.result}), .stages = read_stage_times(arguments.result)};
+  Result<std::optional<PageMesh>> mesh = mesh_of(arguments, common);
+  if (!mesh) return mesh.error();
+  served.info.mesh = *std::move(mesh);
   const Result<void> opened = served.pictures.open();
   if (!opened && !arguments.images.empty()) return opened.error();
   if (opened) served.info.pictures = served.pictures.streams();
@@ -102,6 +126,10 @@ Command add_view(CLI::App& program, const CommonOptions& common) {
                           ->add_option("--port", arguments->port,
                                        "where it is served; without an address only this machine can look")
                           ->type_name("[ADDRESS:]PORT");
+  command
+      ->add_option("--mesh", arguments->mesh,
+                   "folder of export --format mesh to show too; default: DIR-mesh, where it is there")
+      ->type_name("PATH");
   command
       ->add_option("--images", arguments->images,
                    "video or folder of the frames, where they are not where the run found them")

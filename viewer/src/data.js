@@ -59,5 +59,10 @@ export function readData(text = document.getElementById("data").textContent) {
   const reasons = new Array(json.total).fill("");
   for (const run of json.missing) reasons.fill(run.reason, run.first, run.last + 1);
   for (const camera of json.cameras.concat(json.lenses)) if (camera.rays) camera.rays = unpack(camera.rays, Float32Array);
+  const { mesh } = json;
+  if (mesh) {
+    Object.assign(mesh, { positions: unpack(mesh.positions, Float32Array), faces: unpack(mesh.faces, Uint32Array),
+      places: unpack(mesh.places, Uint16Array), texture: `data:image/jpeg;base64,${mesh.texture}` });
+  }
   return { ...json, reasons, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
 }

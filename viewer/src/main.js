@@ -45,6 +45,7 @@ function facts() {
 }
 
 const TOGGLES = [
+  ...(data.mesh ? [["surface", "S", "surface"]] : []),
   ["points", "P", "points"], ["path", "L", "path"], ["cameras", "C", "key frames"], ["closures", "O", "closures"],
   ["ellipsoids", "E", "90 % ellipsoids"], ["rays", "R", "rays of the camera"], ["grid", "G", "grid"],
 ];

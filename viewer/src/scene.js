@@ -2,7 +2,7 @@
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, GridHelper, Group, InstancedMesh, Line, LineBasicMaterial,
   LineSegments, Matrix3, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Points, Quaternion, Scene, ShaderMaterial,
-  SphereGeometry, Vector3, WebGLRenderer,
+  SphereGeometry, SRGBColorSpace, TextureLoader, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
@@ -145,7 +145,7 @@ export class World3d {
     const sun = new DirectionalLight(0xffffff, 1.8);
     sun.position.set(1, 3, 2);
     this.scene.add(sun);
-    this.shown = { points: true, path: true, cameras: true, closures: true, ellipsoids: false, rays: false, grid: true };
+    this.shown = { surface: true, points: !data.mesh, path: true, cameras: true, closures: true, ellipsoids: false, rays: false, grid: true };
     this.pointSize = 3;
     this.detail = software ? 0.1 : 1; // part of points and frusta that is drawn while the view moves
     this.moved = -Infinity; // when it last did, milliseconds
@@ -168,6 +168,7 @@ export class World3d {
     this.frustumSize = size.reach * (world.keyframes.frame.length > PLAIN_FRUSTA ? 0.03 : 0.045);
     if (!keep) this.pointSize = Math.max(1.5, Math.min(5, 4.5 * (8000 / (world.points.count || 1)) ** 0.4));
     this.makePoints();
+    this.makeSurface();
     this.makePath();
     this.makeClosures();
     this.makeCameras();
@@ -214,6 +215,22 @@ export class World3d {
     this.byHeight = this.byHeight ?? areGrey(colours);
     this.colourPoints();
     this.root.add(this.points);
+  }
+
+  // Its faces are seen from the side that the cameras saw: into a room one looks through the walls.
+  makeSurface() {
+    this.surface = null;
+    const { mesh } = this.data;
+    if (!mesh || this.data.worlds[mesh.world] !== this.world) return;
+    const corners = new Float32Array(3 * mesh.faces.length);
+    mesh.faces.forEach((vertex, i) => corners.set(mesh.positions.subarray(3 * vertex, 3 * vertex + 3), 3 * i));
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(corners, 3));
+    geometry.setAttribute("uv", new BufferAttribute(mesh.places, 2, true));
+    this.texture ??= new TextureLoader().load(mesh.texture, () => (this.dirty = true));
+    this.texture.colorSpace = SRGBColorSpace;
+    this.surface = new Mesh(geometry, new MeshBasicMaterial({ map: this.texture }));
+    this.root.add(this.surface);
   }
 
   colourPoints() {
@@ -422,6 +439,7 @@ export class World3d {
   apply() {
     const s = this.shown, there = this.now >= 0;
     this.points.visible = s.points;
+    if (this.surface) this.surface.visible = s.surface;
     Object.assign(this.points.material.uniforms.size, { value: this.pointSize });
     this.points.material.uniforms.ratio.value = this.renderer.getPixelRatio();
     this.points.material.uniforms.reference.value = this.distance || this.reach;

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/exports/mesh_export.h"
 #include "raysfm/exports/path_formats.h"
 #include "raysfm/exports/pinhole_images.h"
 #include "raysfm/exports/scene_formats.h"
@@ -30,8 +31,8 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "export.json";
-constexpr std::string_view kFormats[] = {"colmap", "nerfstudio", "blender", "bundler",
-                                         "ply",    "tum",        "kitti",   "euroc"};
+constexpr std::string_view kFormats[] = {"colmap", "nerfstudio", "blender", "bundler", "ply",
+                                         "tum",    "kitti",      "euroc",   "mesh"};
 
 // Formats of images with cameras, and what they hold.
 struct SceneFormat {
@@ -208,8 +209,24 @@ Result<void> export_scene(const ExportSettings& settings, const Rig& file, const
                       pinholes ? &*pinholes : nullptr, folder / "images");
 }
 
+// Without --images the input of the run is tried, which may be gone.
+Result<void> export_mesh(const ExportSettings& settings, const Rig& file, const Reconstruction& world,
+                         const fs::path& folder, const ExportProgress& progress, ExportSummary* summary) {
+  const Result<ExportScene> scene = make_export_scene(world, false);
+  if (!scene) return scene.error();
+  MeshImages images = {{settings.images, file, settings.threads}, settings.texture_side};
+  images.must_be_there = !settings.images.empty();
+  if (settings.images.empty() && world.origin != Origin::kAdjust)
+    images.input.paths = inputs_of_result(settings.result);
+  const Result<MeshSummary> written = write_mesh(world, *scene, images, folder, progress);
+  if (!written) return written.error();
+  summary->faces = written->faces;
+  if (!written->note.empty()) summary->notes.push_back(written->note);
+  return {};
+}
+
 Result<void> write_all(const ExportSettings& settings, const Rig& file, const Reconstruction& world,
-                       const fs::path& folder, ExportSummary* summary) {
+                       const fs::path& folder, const ExportProgress& progress, ExportSummary* summary) {
   Result<void> written;
   if (settings.format == "ply") {
     written = write_ply(world, folder);
@@ -219,6 +236,8 @@ Result<void> write_all(const ExportSettings& settings, const Rig& file, const Re
     written = write_kitti(world, folder);
   } else if (settings.format == "euroc") {
     written = write_euroc(world, folder);
+  } else if (settings.format == "mesh") {
+    written = export_mesh(settings, file, world, folder, progress, summary);
   } else {
     written = export_scene(settings, file, world, folder, summary);
   }
@@ -248,10 +267,19 @@ Result<void> check_settings(const ExportSettings& settings) {
     return bad_input(
         fmt::format("--format: {} is not allowed, {} are", settings.format, fmt::join(kFormats, ", ")));
   }
-  const bool scene = scene_format(settings.format) != nullptr;
+  const bool scene = scene_format(settings.format) != nullptr, mesh = settings.format == "mesh";
+  constexpr int kLeastSide = 64, kMostSide = 16384;
+  if (settings.texture_side < kLeastSide || settings.texture_side > kMostSide) {
+    return bad_input(fmt::format("--texture-side: {} is not allowed, {} to {} are", settings.texture_side,
+                                 kLeastSide, kMostSide));
+  }
   if (settings.text && settings.format != "colmap")
     return bad_input("--text: only --format colmap has a text form");
-  if (!scene && (settings.undistort || settings.all_frames || !settings.images.empty())) {
+  if (mesh && (settings.undistort || settings.all_frames)) {
+    return bad_input(
+        "--format mesh: has no images of its own, so that --undistort and --all-frames are not allowed");
+  }
+  if (!scene && !mesh && (settings.undistort || settings.all_frames || !settings.images.empty())) {
     return bad_input(
         fmt::format("--format {}: has no images, so that --undistort, --images and --all-frames are not "
                     "allowed with it",
@@ -277,7 +305,7 @@ std::span<const std::string_view> export_formats() {
   return kFormats;
 }
 
-Result<ExportSummary> export_result(const ExportSettings& settings) {
+Result<ExportSummary> export_result(const ExportSettings& settings, const ExportProgress& progress) {
   if (auto good = check_settings(settings); !good) return good.error();
   ExportSummary summary;
   summary.out = settings.out.empty() ? default_out(settings) : settings.out;
@@ -292,7 +320,7 @@ Result<ExportSummary> export_result(const ExportSettings& settings) {
   const bool there = fs::exists(summary.out, failure);
   Result<StagedFolder> staged = StagedFolder::create(summary.out);
   if (!staged) return staged.error();
-  Result<void> written = write_all(settings, *file, *world, staged->path(), &summary);
+  Result<void> written = write_all(settings, *file, *world, staged->path(), progress, &summary);
   if (written) written = staged->commit(older_files(summary.out), kManifest);
   if (written) return summary;
   if (!there) fs::remove(summary.out, failure);

@@ -1,21 +1,13 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <vector>
 
 #include "raysfm/core/result.h"
+#include "raysfm/exports/scene_images.h"
 #include "raysfm/exports/undistort.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
-
-// Where the images of a reconstruction are found again.
-struct ImageInput {
-  std::vector<std::string> paths;  // as `track` or `solve` was given them; of `adjust`, one folder
-  Rig cameras;      // tell the stream, or the part of one, of each camera by its name; may be empty
-  int threads = 0;  // of the decoder of a video; 0: as many as the machine has
-};
 
 // Reads every frame of `input` that the scene has images of and writes these as PNG into `folder`, under
 // their names. `pinholes`, when not null, is what undistort() made of the scene: then its images are written

@@ -267,6 +267,20 @@ Json stages_json(const PageInfo& info) {
   return stages;
 }
 
+Json mesh_json(const PageMesh& mesh) {
+  Numbers<float> positions;
+  Numbers<uint32_t> faces;
+  Numbers<uint16_t> places;
+  for (const float x : mesh.positions) positions.add(x);
+  for (const uint32_t vertex : mesh.faces) faces.add(vertex);
+  for (const uint16_t place : mesh.places) places.add(place);
+  return {{"world", mesh.world},
+          {"positions", positions.text()},
+          {"faces", faces.text()},
+          {"places", places.text()},
+          {"texture", base64(mesh.jpeg)}};
+}
+
 }  // namespace
 
 std::string page_data(const Reconstruction& r, const PageInfo& info) {
@@ -285,6 +299,7 @@ std::string page_data(const Reconstruction& r, const PageInfo& info) {
   json["missing"] = missing_json(r);
   json["closures"] = closures_json(r);
   json["stages"] = stages_json(info);
+  if (info.mesh) json["mesh"] = mesh_json(*info.mesh);
   std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
   for (size_t at = text.find('<'); at != text.npos; at = text.find('<', at)) text.replace(at, 1, "\\u003c");
   return text;

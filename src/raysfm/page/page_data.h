@@ -21,6 +21,9 @@ namespace raysfm {
 //  - cameras of the rig, or lenses: their position and the directions of the image's border, in the rig; of
 //    a rig, and of a lens that is the only one, also `rays` (f32: origin and direction of the pixels of a
 //    grid of `grid` columns and rows, NaN where a pixel sees nothing)
+//  - where there is one, the surface of a world: `positions` (f32), `faces` (u32: three vertices), `places`
+//  (u16: of
+//    each corner, in parts of the texture from its lower left), `texture` (a JPEG file)
 // and beside them runs of frames without a pose with the reason, closures, times of stages, and of a run
 // under way the newest frame that has a pose. Text has no character that ends a script.
 std::string page_data(const Reconstruction& reconstruction, const PageInfo& info);

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/page/page_mesh.h"
 #include "raysfm/results/report_file.h"
 
 namespace raysfm {
@@ -38,6 +39,7 @@ struct PageInfo {
   std::vector<StageTime> stages = {};
   int pictures = 0;                   // cameras whose pictures the server of the page has; 0: of none
   std::optional<LiveInfo> live = {};  // of a run under way
+  std::optional<PageMesh> mesh = {};  // the surface of a world
 };
 
 }  // namespace raysfm

@@ -3,12 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "raysfm/page/page_data.h"
+#include "raysfm/page/page_mesh.h"
 #include "support/small_reconstruction.h"
 #include "support/temporary_folder.h"
 
@@ -205,6 +208,72 @@ TEST(Page, NothingHasAPose) {
   const json data = json::parse(page_data(r, {.title = "title"}));
   EXPECT_TRUE(data["worlds"].empty());
   EXPECT_EQ(data["missing"].size(), 1u);
+}
+
+void write_text(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+// Two faces of a square, as an export writes them.
+void write_square(const std::filesystem::path& folder) {
+  std::filesystem::create_directories(folder);
+  write_text(folder / "export.json", R"({"format": "mesh", "world": 1})");
+  write_text(folder / "mesh.jpg", "a picture");
+  write_text(folder / "mesh.obj",
+             "# a comment\nmtllib mesh.mtl\nv 0 0 2.5\nv 1 0 2.5\nv 1 1 2.5\nv 0 1 2.5\n"
+             "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 0.5\nusemtl texture\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+}
+
+TEST(PageMesh, IsReadAndPutIntoThePage) {
+  const TemporaryFolder temporary;
+  write_square(temporary.path());
+  const Result<PageMesh> mesh = read_page_mesh(temporary.path());
+  ASSERT_TRUE(mesh.ok()) << mesh.error().message;
+  EXPECT_EQ(mesh->world, 1);
+  EXPECT_EQ(mesh->positions, (std::vector<float>{0, 0, 2.5f, 1, 0, 2.5f, 1, 1, 2.5f, 0, 1, 2.5f}));
+  EXPECT_EQ(mesh->faces, (std::vector<uint32_t>{0, 1, 2, 0, 2, 3}));
+  EXPECT_EQ(mesh->places,
+            (std::vector<uint16_t>{0, 0, 65535, 0, 65535, 65535, 0, 0, 65535, 65535, 0, 32768}));
+  EXPECT_EQ(mesh->jpeg, "a picture");
+  PageInfo info;
+  info.mesh = *mesh;
+  const json page = json::parse(page_data(small_reconstruction({kPinhole}), info));
+  EXPECT_EQ(page["mesh"]["world"], 1);
+  EXPECT_EQ(page["mesh"]["texture"], "YSBwaWN0dXJl");
+  EXPECT_FALSE(json::parse(page_data(small_reconstruction({kPinhole}), {})).contains("mesh"));
+}
+
+TEST(PageMesh, DamageIsNamed) {
+  const TemporaryFolder temporary;
+  for (const std::string line : {"f 1/1 2/2 5/3", "f 1/1 2/2", "f 0/1 2/2 3/3", "f 1/9 2/2 3/3", "v 1 2",
+                                 "v 1 2 nan", "vt 1", "surface 1", "f 1 2 3"}) {
+    write_square(temporary.path());
+    std::ofstream(temporary.path() / "mesh.obj", std::ios::app) << line << "\n";
+    const Result<PageMesh> mesh = read_page_mesh(temporary.path());
+    ASSERT_FALSE(mesh.ok()) << line;
+    EXPECT_NE(mesh.error().message.find("mesh.obj:14"), std::string::npos) << mesh.error().message;
+  }
+  for (const char* name : {"mesh.obj", "mesh.jpg", "export.json"}) {
+    write_square(temporary.path());
+    std::filesystem::remove(temporary.path() / name);
+    const Result<PageMesh> mesh = read_page_mesh(temporary.path());
+    ASSERT_FALSE(mesh.ok()) << name;
+    EXPECT_NE(mesh.error().message.find(name), std::string::npos) << mesh.error().message;
+  }
+  write_square(temporary.path());
+  write_text(temporary.path() / "mesh.jpg", std::string(4 << 20, 'x'));
+  const Result<PageMesh> large = read_page_mesh(temporary.path());
+  ASSERT_FALSE(large.ok());
+  EXPECT_NE(large.error().message.find("--texture-side"), std::string::npos);
+}
+
+TEST(PageMesh, LiesBesideTheResult) {
+  const TemporaryFolder temporary;
+  std::filesystem::create_directories(temporary.path() / "out");
+  EXPECT_TRUE(mesh_folder_of(temporary.path() / "out").empty());
+  write_square(temporary.path() / "out-mesh");
+  EXPECT_EQ(mesh_folder_of(temporary.path() / "out").filename(), "out-mesh");
+  EXPECT_EQ(mesh_folder_of(temporary.path() / "out/").filename(), "out-mesh");
 }
 
 }  // namespace

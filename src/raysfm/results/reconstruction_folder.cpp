@@ -13,6 +13,7 @@
 #include "raysfm/colmap_bal/model_reconstruction.h"
 #include "raysfm/files/text_file.h"
 #include "raysfm/results/covariance_file.h"
+#include "raysfm/results/observations_file.h"
 #include "raysfm/results/ply_file.h"
 #include "raysfm/results/report_cameras.h"
 #include "raysfm/results/report_file.h"
@@ -183,7 +184,11 @@ Result<void> read_map(const fs::path& folder, int segment, Reconstruction* r) {
   }
   if (!is_colmap_model(folder / "sparse")) {
     for (const int frame : *frames) r->keyframes.push_back({.frame = frame});
-    return {};
+    // Results of version 0.1.0 have none.
+    const fs::path observations = folder / "observations.csv";
+    std::error_code missing;
+    if (r->origin != Origin::kTrack || !fs::is_regular_file(observations, missing)) return {};
+    return read_observations_csv(observations, static_cast<int>(frames->size()), first, r);
   }
   const Result<ColmapModel> model = read_colmap_model(folder / "sparse");
   if (!model) return model.error();
@@ -257,9 +262,9 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   }
 }
 
-std::vector<std::string> read_inputs(const fs::path& folder) {
+std::vector<std::string> inputs_of_result(const fs::path& folder) {
   const Result<std::string> text = read_text_file(folder / "report.json", kMaxReportBytes);
-  const Json report = Json::parse(text ? *text : "{}", nullptr, false);
+  const Json report = text ? Json::parse(*text, nullptr, false) : Json();
   std::vector<std::string> inputs;
   if (!report.is_object() || !report.contains("input")) return inputs;
   for (const Json& input : report["input"]) {

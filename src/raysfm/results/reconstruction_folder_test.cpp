@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+
 #include <cmath>
 #include <string>
 #include <tuple>
@@ -197,6 +199,46 @@ TEST(ReconstructionFolder, ReadsBackWhatTrackWrote) {
         EXPECT_EQ(a.rig_from_cam.rotation.coeffs(), b.rig_from_cam.rotation.coeffs());
       }
     }
+  }
+}
+
+// The models stay unknown, who sees what does not.
+TEST(ReconstructionFolder, ReadsBackWhoSeesWhatOfCamerasThatColmapLacks) {
+  for (const bool two_worlds : {false, true}) {
+    Reconstruction r = uneven_reconstruction(2, two_worlds);
+    for (Camera& camera : r.rig.cameras) camera.model = Equirectangular{100, 100, 319.5, 239.5};
+    const TemporaryFolder folder;
+    ASSERT_TRUE(write_output_folder(r, {}, "", folder.path()).ok());
+    const Result<Reconstruction> result = read_reconstruction(folder.path());
+    ASSERT_TRUE(result.ok()) << result.error().message;
+    const Reconstruction& read = *result;
+    EXPECT_TRUE(read.rig.cameras.empty());
+    ASSERT_EQ(read.keyframes.size(), r.keyframes.size());
+    for (size_t k = 0; k < r.keyframes.size(); ++k) {
+      EXPECT_EQ(read.keyframes[k].first_observation, r.keyframes[k].first_observation);
+      EXPECT_EQ(read.keyframes[k].last_observation, r.keyframes[k].last_observation);
+    }
+    ASSERT_EQ(read.observations.size(), r.observations.size());
+    for (size_t i = 0; i < r.observations.size(); ++i) {
+      EXPECT_EQ(read.observations[i].point, r.observations[i].point);
+      EXPECT_EQ(read.observations[i].camera, r.observations[i].camera);
+      EXPECT_EQ(read.observations[i].pixel, r.observations[i].pixel);
+    }
+  }
+}
+
+TEST(ReconstructionFolder, DamagedObservationsAreNamed) {
+  Reconstruction r = uneven_reconstruction(1, false);
+  for (Camera& camera : r.rig.cameras) camera.model = Equirectangular{100, 100, 319.5, 239.5};
+  const TemporaryFolder folder;
+  ASSERT_TRUE(write_output_folder(r, {}, "", folder.path()).ok());
+  const std::string header = "keyframe,camera,point,u,v\n";
+  for (const std::string line :
+       {"0,0,0,1", "0,0,0,1,nan", "0,0,99999999,1,2", "-1,0,0,1,2", "9999,0,0,1,2", "1,0,0,1,2\n0,0,0,1,2"}) {
+    std::ofstream(folder.path() / "observations.csv") << header << line << "\n";
+    const Result<Reconstruction> read = read_reconstruction(folder.path());
+    ASSERT_FALSE(read.ok()) << line;
+    EXPECT_NE(read.error().message.find("observations.csv:"), std::string::npos) << read.error().message;
   }
 }
 

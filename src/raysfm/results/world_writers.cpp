@@ -8,6 +8,7 @@
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/results/covariance_file.h"
 #include "raysfm/results/lens_file.h"
+#include "raysfm/results/observations_file.h"
 #include "raysfm/results/output_folder.h"
 #include "raysfm/results/ply_file.h"
 #include "raysfm/results/trajectory_file.h"
@@ -41,13 +42,15 @@ Result<void> write_keyframes(const Reconstruction& world, const fs::path& path) 
 
 std::span<const WorldWriter> world_writers() {
   static constexpr Origin kAll[] = {Origin::kTrack, Origin::kSolve, Origin::kAdjust};
-  static constexpr std::span<const Origin> kFromImages = std::span(kAll).first(2), kSolved(&kAll[1], 1);
+  static constexpr std::span<const Origin> kFromImages = std::span(kAll).first(2), kTracked(kAll, 1),
+                                           kSolved(&kAll[1], 1);
   static constexpr WorldWriter kWriters[] = {{"trajectory.txt", kFromImages, write_frames},
                                              {"keyframes.txt", kFromImages, write_keyframes},
                                              {"covariance.csv", kFromImages, write_covariance_csv},
                                              {"points.ply", kAll, write_points_ply},
                                              {"lens.csv", kSolved, write_lens_file},
-                                             {"sparse", kFromImages, write_colmap_model}};
+                                             {"sparse", kFromImages, write_colmap_model},
+                                             {"observations.csv", kTracked, write_observations_csv}};
   return kWriters;
 }
 

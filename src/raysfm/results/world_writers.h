@@ -16,7 +16,7 @@ struct WorldWriter {
   Result<void> (*write)(const Reconstruction& world, const std::filesystem::path& path);
 };
 
-// trajectory.txt, keyframes.txt, covariance.csv, points.ply, lens.csv and sparse/.
+// trajectory.txt, keyframes.txt, covariance.csv, points.ply, lens.csv, sparse/ and observations.csv.
 std::span<const WorldWriter> world_writers();
 
 // Where the files of a world are, below the output folder: the main world (0) has them at the top, the others
