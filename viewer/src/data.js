@@ -58,11 +58,13 @@ export function readData(text = document.getElementById("data").textContent) {
   const json = JSON.parse(text);
   const reasons = new Array(json.total).fill("");
   for (const run of json.missing) reasons.fill(run.reason, run.first, run.last + 1);
+  const held = new Uint8Array(json.total);
+  for (const run of json.held) held.fill(1, run.first, run.last + 1);
   for (const camera of json.cameras.concat(json.lenses)) if (camera.rays) camera.rays = unpack(camera.rays, Float32Array);
   const { mesh } = json;
   if (mesh) {
     Object.assign(mesh, { positions: unpack(mesh.positions, Float32Array), faces: unpack(mesh.faces, Uint32Array),
       places: unpack(mesh.places, Uint16Array), texture: `data:image/jpeg;base64,${mesh.texture}` });
   }
-  return { ...json, reasons, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
+  return { ...json, reasons, isHeld: held, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
 }

@@ -79,7 +79,9 @@ function frameList(id, title, entries) {
 
 const closures = () => data.closures.map((c) => [c.frame, `${c.frame}`,
   `${c.joined ? "joins the world of" : "sees what was seen in"} ${c.with < 0 ? "an earlier run" : c.with}, ${c.inliers} points`]);
-const missing = () => data.missing.map((run) => [run.first, run.first === run.last ? `${run.first}` : `${run.first} to ${run.last}`, run.reason]);
+const runText = (run) => (run.first === run.last ? `${run.first}` : `${run.first} to ${run.last}`);
+const missing = () => data.missing.map((run) => [run.first, runText(run), run.reason]);
+const held = () => data.held.map((run) => [run.first, runText(run), "where it is, is not known"]);
 
 // Mean time of each stage of the run, as bars.
 function stageTimes() {
@@ -117,7 +119,7 @@ function side() {
   const button = (id, text, key, act) => element("button", { id, onclick: act }, text, element("kbd", { textContent: key }));
   box.append(element("div", { className: "buttons" }, button("follow", "follow", "F", toggleFollow), button("home", "overview", "H", home),
     button("measure", "measure", "M", toggleMeasure), button("theme", "theme", "T", toggleTheme), button("keys", "keys", "?", () => $("help").showModal())));
-  box.append(...frameList("missing", "without a pose", missing()), ...frameList("closures", "places seen again", closures()), ...stageTimes());
+  box.append(...frameList("missing", "without a pose", missing()), ...frameList("held", "only seen to turn", held()), ...frameList("closures", "places seen again", closures()), ...stageTimes());
 }
 
 function bar() {
@@ -135,7 +137,7 @@ function strip() {
   const context = canvas.getContext("2d"), w = world();
   for (let x = 0; x < width; ++x) {
     const frame = Math.min(data.total - 1, Math.floor((x / width) * data.total));
-    context.fillStyle = w.at[frame] >= 0 ? "#1f6feb" : data.reasons[frame] ? "#d64545" : "#8884";
+    context.fillStyle = w.at[frame] >= 0 ? (data.isHeld[frame] ? "#d99a1f" : "#1f6feb") : data.reasons[frame] ? "#d64545" : "#8884";
     context.fillRect(x, 0, 1, height);
   }
 }
@@ -158,6 +160,7 @@ function seek(frame) {
   if (i >= 0) {
     if (data.command !== "adjust") parts.push(`${w.time[i].toFixed(3)} s`);
     if (w.keyframeAt[state.frame] >= 0) parts.push("key frame");
+    if (data.isHeld[state.frame]) parts.push("only seen to turn: its place is not known");
   } else {
     const other = data.worlds.findIndex((o) => o.at[state.frame] >= 0);
     parts.push(other >= 0 ? `in ${other === 0 ? "the main world" : `world ${other}`}` : `no pose: ${data.reasons[state.frame]}`);

@@ -250,6 +250,20 @@ Json missing_json(const Reconstruction& r) {
   return runs;
 }
 
+// Runs of frames that were only seen to turn.
+Json held_json(const Reconstruction& r) {
+  Json runs = Json::array();
+  for (size_t f = 0; f < r.frames.size(); ++f) {
+    if (!r.frames[f].place_held) continue;
+    if (!runs.empty() && runs.back()["last"] == f - 1) {
+      runs.back()["last"] = f;
+    } else {
+      runs.push_back({{"first", f}, {"last", f}});
+    }
+  }
+  return runs;
+}
+
 Json closures_json(const Reconstruction& r) {
   Json closures = Json::array();
   for (const Closure& c : r.closures) {
@@ -297,6 +311,7 @@ std::string page_data(const Reconstruction& r, const PageInfo& info) {
   json["worlds"] = Json::array();
   for (const int segment : worlds_in_order(r)) json["worlds"].push_back(world_json(r, segment));
   json["missing"] = missing_json(r);
+  json["held"] = held_json(r);
   json["closures"] = closures_json(r);
   json["stages"] = stages_json(info);
   if (info.mesh) json["mesh"] = mesh_json(*info.mesh);

@@ -46,8 +46,10 @@ std::vector<T> unpacked(const std::string& text) {
 }
 
 TEST(Page, FramesAreThoseOfTheResult) {
-  const Reconstruction r = small_reconstruction({kPinhole, kPinhole});
+  Reconstruction r = small_reconstruction({kPinhole, kPinhole});
+  for (const int held : {2, 3, 8}) r.frames[held].place_held = true;
   const json data = json::parse(page_data(r, {.title = "title"}));
+  EXPECT_EQ(data["held"], json::parse(R"([{"first": 2, "last": 3}, {"first": 8, "last": 8}])"));
   EXPECT_EQ(data["total"], 12);
   EXPECT_EQ(data["posed"], 11);
   EXPECT_EQ(data["missing"], json::parse(R"([{"first": 5, "last": 5, "reason": "too few matches: 3"}])"));
