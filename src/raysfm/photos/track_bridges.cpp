@@ -13,7 +13,7 @@ namespace raysfm {
 namespace {
 
 constexpr double kTied = 0.3;  // of the points of one of two images, which the other sees too
-constexpr int kInTurn = 4;     // images after one that it is compared with, and so many that look like it
+constexpr int kFollowers = 4;  // images after one that it is compared with, and so many that look like it
 constexpr int kMostAlikePlaces = 6;
 constexpr double kProminentVotes = 5;  // standard deviations above what chance gives
 constexpr float kMaxDescriptorRatio = 0.85F;
@@ -74,7 +74,7 @@ std::vector<Pair> likely_pairs(const PointTracks& tracks, std::span<const Descri
   pool->parallel_for(count, [&](int j) {
     std::vector<uint8_t> skip = tied_to(points, j);
     for (int i = 0; i < count; ++i) skip[i] = skip[i] || (posed(i) && posed(j));
-    for (int i = j + 1; i <= std::min(j + kInTurn, count - 1); ++i) {
+    for (int i = j + 1; i <= std::min(j + kFollowers, count - 1); ++i) {
       if (!skip[i]) of_image[j].emplace_back(j, i);
     }
     for (const PlaceVotes& v : index.search(described[j].descriptors, skip, kMostAlikePlaces)) {
