@@ -1,4 +1,4 @@
-"""Every command of docs/first-half-hour.md does what it says: docs_test.py PROGRAM [unittest arguments]."""
+"""Every command of docs/first-half-hour.md does what it says, those of other pages are known: docs_test.py PROGRAM [unittest arguments]."""
 import json
 import pathlib
 import re
@@ -47,6 +47,38 @@ class FirstHalfHour(ProgramTest):
         for name in ("out", "again", "by-rays"):
             frames = json.loads((self.folder / name / "report.json").read_text())["frames"]
             self.assertEqual(frames["posed"], frames["total"], name)
+
+
+def lines_of(page):
+    """The commands of the program in the blocks of a page for the shell, as words."""
+    for block in re.findall(r"^```(?:sh|bash)?\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            words = shlex.split(line.strip(), comments=True) if line.count("'") % 2 == 0 else []
+            if words and words[0] in (PROGRAM, "raysfm") and len(words) > 1:
+                yield words[1:]
+
+
+class EveryPage(unittest.TestCase):
+    """What any page tells a reader to type is understood: the command is there, and it has those flags."""
+
+    def test_commands_and_flags_are_there(self):
+        flags_of, checked = {}, 0
+        root = DOCS.parent
+        for page in [root / "README.md", *sorted(DOCS.glob("*.md"))]:
+            for words in lines_of(page):
+                depth = 2 if words[0] in ("camera", "map") else 1
+                command = tuple(words[:depth])
+                if words[0].startswith("-"):
+                    continue
+                if command not in flags_of:
+                    done = run(*command, "--help")
+                    self.assertEqual(done.returncode, 0, f"{page.name}: {' '.join(words)}: {done.stderr}")
+                    flags_of[command] = set(re.findall(r"--[a-z][a-z-]*", done.stdout + run("--help").stdout))
+                for word in words[depth:]:
+                    if word.startswith("--") and len(word) > 2:
+                        self.assertIn(word.split("=")[0], flags_of[command], f"{page.name}: {' '.join(words)}")
+                        checked += 1
+        self.assertGreater(checked, 30)
 
 
 class Reasons(unittest.TestCase):
