@@ -20,8 +20,6 @@ namespace {
 // By how much cameras may differ to be the same, refined on other footage: rays by a part of the image's
 // width, places in the rig by a part of its extent.
 constexpr double kMostRayChange = 0.01, kMostPlaceChange = 0.05;
-// The same of pieces of one video, each refined on the little that it saw.
-constexpr double kMostRayChangeOfPieces = 0.05;
 // Key frames of a world about the time of a known view, and views by which worlds that were joined are tied.
 constexpr size_t kNearInTime = 4, kTies = 8;
 constexpr int kGrid = 16;  // pixels compared along each side of the image
@@ -326,7 +324,8 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
   const size_t reference = is_one_video ? most_typical(maps) : 0;
   const TrackingRig rig(maps[reference].map.rig);
   for (const NamedMap& other : maps) {
-    const double most = is_one_video ? kMostRayChangeOfPieces : kMostRayChange;
+    // Of one video they are the same, whatever each piece made of the little that it saw.
+    const double most = is_one_video ? INFINITY : kMostRayChange;
     if (auto r = check_same_cameras(rig, other, maps[reference].name, most); !r) return r.error();
   }
   OdometryOptions options;

@@ -41,9 +41,9 @@ struct MergedMaps {
 
 // Puts the worlds of maps into one map, through the cameras of the first. Worlds that show one place are
 // joined and adjusted as `track` does it, and those that `known` views tell of; the others stay side by side.
-// Where there are known views, the maps are of one video: their cameras may differ more, as each was refined
-// on less footage, and those most like all others are taken. `seed` draws samples.
-// Errors: bad input, where the cameras are not the same.
+// Where there are known views, the maps are of one video: their cameras are the same, however differently
+// each was refined on what it saw, and those most like all others are taken. `seed` draws samples. Errors:
+// bad input, where the cameras are not the same.
 Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed,
                               std::span<const KnownView> known = {});
 
