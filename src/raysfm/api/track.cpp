@@ -325,6 +325,16 @@ Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int t
     }
 }
 
+void tell_zoom(const Tracker& tracker, const EventSink& event) {
+  const std::optional<SeenZoom> change = tracker.lens_change();
+  if (!change) return;
+  tell(event, Event::Level::kWarning,
+       fmt::format(
+           "the camera zooms: its focal length is {:.0f} px before frame {} and {:.0f} px from there on; "
+           "poses are of one lens, raysfm solve finds a lens for each image",
+           change->before, change->frame, change->after));
+}
+
 // What there is to say of an input that was read to its end.
 void tell_notes(const Input& input, const ViewStream& stream, const EventSink& event) {
   for (const auto& source : input.streams) tell(event, Event::Level::kWarning, source->note());
@@ -411,6 +421,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
   if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
 
+  tell_zoom(tracker, callbacks.event);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();

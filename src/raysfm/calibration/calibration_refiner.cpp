@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <string>
 
@@ -20,6 +21,8 @@ constexpr int kPointsPerKeyFrame = 10, kPointsOfFirst = 40;
 constexpr double kDoubt = 5;     // of a calibration that is told to be refined
 constexpr double kGrowth = 1.5;  // of the stretches from one change to the next
 constexpr double kFar = 0.2;     // effect of a change after which residuals are linearised anew
+// Logarithm of the ratio of two focal lengths, and standard deviations of it, that a lens has zoomed.
+constexpr double kZoom = 0.05, kSurelyZoomed = 8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
 }  // namespace
@@ -156,6 +159,45 @@ std::optional<Rig> CalibrationRefiner::better() {
   for (const Stretch& s : stretches_) all.add(s.evidence);
   choice_ = choose_calibration(parameters_, all);
   return is_worth_it(choice_) && has_grown() ? chosen_rig() : std::nullopt;
+}
+
+// Of a world's stretches those before and those from `split` on.
+std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch* const> stretches,
+                                                         size_t split, double* significance) const {
+  CalibrationEvidence parts[2] = {CalibrationEvidence::nothing(values_),
+                                  CalibrationEvidence::nothing(values_)};
+  for (size_t s = 0; s < stretches.size(); ++s) parts[s >= split].add(stretches[s]->evidence);
+  const CalibrationChoice before = choose_calibration(parameters_, parts[0]),
+                          after = choose_calibration(parameters_, parts[1]);
+  std::optional<FocalChange> change;
+  for (int i = 0; i < parameters_.size(); ++i) {
+    if (parameters_[i].kind != RigParameters::Kind::kFocal || !before.is_told[i] || !after.is_told[i])
+      continue;
+    const double difference = std::abs(after.values[i] - before.values[i]);
+    const double sigmas = difference / std::hypot(before.sigma[i], after.sigma[i]);
+    if (difference < kZoom || sigmas < std::max(kSurelyZoomed, *significance)) continue;
+    *significance = sigmas;
+    int camera = 0;
+    while (!parameters_.concerns(i, camera)) ++camera;
+    change = FocalChange{stretches[0]->world, stretches[split - 1]->end,
+                         parameters_.number(i, camera, parameters_.rig(before.values)),
+                         parameters_.number(i, camera, parameters_.rig(after.values))};
+  }
+  return change;
+}
+
+std::optional<FocalChange> CalibrationRefiner::focal_change() const {
+  std::map<int, std::vector<const Stretch*>> of_world;
+  for (const Stretch& s : stretches_) of_world[s.world].push_back(&s);
+  std::optional<FocalChange> surest;
+  double significance = 0;
+  for (auto& [world, stretches] : of_world) {
+    std::ranges::sort(stretches, {}, &Stretch::end);
+    for (size_t split = 1; split < stretches.size(); ++split) {
+      if (const auto change = change_at(stretches, split, &significance)) surest = change;
+    }
+  }
+  return surest;
 }
 
 std::optional<Rig> CalibrationRefiner::chosen_rig() const {

@@ -21,6 +21,13 @@ enum class LensRefinement : uint8_t {
   kOff,   // kept
 };
 
+// A focal length that is another one in the later part of a world.
+struct FocalChange {
+  int world = 0;
+  int keyframe = 0;              // after the last that has the earlier one
+  double before = 0, after = 0;  // pixels
+};
+
 // Finds out while maps grow how far the calibration is off: collects what stretches of key frames say of it
 // and weighs that against the given one. All worlds are seen through the same lenses. Owns scratch memory.
 class CalibrationRefiner {
@@ -53,6 +60,10 @@ class CalibrationRefiner {
   bool take_over();
   void measure_again(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
 
+  // Whether what was measured of a world says of its earlier part another focal length than of its later one,
+  // beyond doubt: the camera zoomed, which one calibration does not hold.
+  std::optional<FocalChange> focal_change() const;
+
   // Every number that is looked at, camera by camera; none where nothing was measured.
   std::vector<CalibrationNumber> numbers() const;
   // Whether the present calibration is that of another lens than the given one.
@@ -81,6 +92,8 @@ class CalibrationRefiner {
   };
 
   int first_new(int world) const;
+  std::optional<FocalChange> change_at(std::span<const Stretch* const> stretches, size_t split,
+                                       double* significance) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   bool has_grown() const;
   std::optional<Rig> chosen_rig() const;

@@ -10,6 +10,7 @@
 namespace raysfm {
 namespace {
 
+using testing_support::as_view;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -101,6 +102,46 @@ TEST(CalibrationRefiner, AStraightDriveDoesNotTellTheFocalLength) {
   const CalibrationNumber& fx = run.number("fx");
   EXPECT_FALSE(fx.told);
   EXPECT_EQ(fx.refined, fx.given);
+}
+
+// A picture as a lens of `factor` times the focal length shows it.
+GrayImage zoomed(const GrayImage& image, float factor) {
+  GrayImage out(image.width(), image.height());
+  const float cx = 0.5f * static_cast<float>(image.width() - 1),
+              cy = 0.5f * static_cast<float>(image.height() - 1);
+  for (int y = 0; y < out.height(); ++y) {
+    for (int x = 0; x < out.width(); ++x) {
+      const float u = cx + (static_cast<float>(x) - cx) / factor,
+                  v = cy + (static_cast<float>(y) - cy) / factor;
+      const int i = static_cast<int>(u), j = static_cast<int>(v);
+      const float s = u - static_cast<float>(i), t = v - static_cast<float>(j);
+      const auto at = [&](int column, int row) {
+        return static_cast<float>(
+            image.row(std::min(row, image.height() - 1))[std::min(column, image.width() - 1)]);
+      };
+      out.row(y)[x] = static_cast<uint8_t>(std::lround((1 - t) * ((1 - s) * at(i, j) + s * at(i + 1, j)) +
+                                                       t * ((1 - s) * at(i, j + 1) + s * at(i + 1, j + 1))));
+    }
+  }
+  return out;
+}
+
+// Round and back, with one focal length or with another on the way back.
+TEST(CalibrationRefiner, AZoomIsSeen) {
+  const auto change = [&](float factor) {
+    Odometry odometry({{small_camera()}}, {});
+    const int there = orbit().size();
+    for (int i = 0; i < 2 * there; ++i) {
+      const float zoom = i < there ? 1 : factor;
+      odometry.process(as_view(zoomed(orbit().images[i < there ? i : 2 * there - 1 - i], zoom), i));
+    }
+    return odometry.lens_change();
+  };
+  EXPECT_FALSE(change(1));
+  const std::optional<SeenZoom> seen = change(1.15f);
+  ASSERT_TRUE(seen);
+  EXPECT_NEAR(seen->after / seen->before, 1.15, 0.06);
+  EXPECT_NEAR(seen->frame, orbit().size(), 40);
 }
 
 TEST(CalibrationRefiner, ALensOfAnotherKindOfPictureIsNamedAsSuch) {

@@ -40,6 +40,12 @@ struct FrameResult {
   std::string reason;  // why it has no pose, which it may get yet when a world starts; empty where it has one
 };
 
+// A focal length that is another one from a frame on; pixels.
+struct SeenZoom {
+  int frame = 0;
+  double before = 0, after = 0;
+};
+
 // Trajectory and map of a calibrated rig from its views in time order (LBA09 2.7):
 //   1. three views start a map;
 //   2. each further view is matched with the map and posed;
@@ -83,6 +89,9 @@ class Odometry {
   bool read_state(StateReader& state);
 
   OdometryTimings timings() const;
+
+  // Whether the camera zoomed, as far as what was measured of the calibration tells; before finish().
+  std::optional<SeenZoom> lens_change() const;
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
   int frames() const { return static_cast<int>(frames_.size()); }

@@ -43,6 +43,13 @@ void Odometry::refine_calibration(int number, bool last) {
   }
 }
 
+std::optional<SeenZoom> Odometry::lens_change() const {
+  const std::optional<FocalChange> change = refiner_.focal_change();
+  if (!change) return std::nullopt;
+  const std::vector<MapKeyFrame>& keyframes = segments_[change->world].map.keyframes;
+  return SeenZoom{keyframes[change->keyframe].frame, change->before, change->after};
+}
+
 // Map, views and frames of a world as the present calibration has them, from a key frame on.
 void Odometry::adapt(int number, int first_keyframe) {
   SegmentState& s = segments_[number];

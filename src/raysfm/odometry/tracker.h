@@ -80,6 +80,10 @@ class Tracker {
   bool read_state(StateReader& state);
 
   OdometryTimings timings() const { return odometry_.timings(); }
+
+  // Whether the focal length is another one from some frame on, beyond doubt: one calibration does not hold
+  // all, and `solve` does better. None where nothing is refined. Before finish().
+  std::optional<SeenZoom> lens_change() const { return odometry_.lens_change(); }
   const TrackingRig& rig() const { return odometry_.rig(); }
 
  private:
