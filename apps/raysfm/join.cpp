@@ -107,11 +107,7 @@ Result<int> run_join(const JoinArguments& arguments, const CommonOptions& common
   if (common.quiet) return 0;
   std::string text;
   for (const MergedWorld& world : joined->worlds) text += fate_text(world);
-  text += fmt::format(
-      "{} of {} frames posed in {} segment{}, {} key frames, {} points, rms {:.2f} px; written to {}\n",
-      posed_count(r), r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s",
-      r.keyframes.size(), r.points.size(), r.rms_reprojection_px, arguments.out);
-  return printed(text);
+  return printed(text + fmt::format("{}; written to {}\n", counts_text(r), arguments.out));
 }
 
 }  // namespace

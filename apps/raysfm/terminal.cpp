@@ -1,9 +1,12 @@
 #include "terminal.h"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <csignal>
 #include <cstdio>
+
+#include "raysfm/scene/worlds.h"
 
 namespace raysfm::app {
 namespace {
@@ -19,6 +22,12 @@ void on_signal(int signal) {
 }
 
 }  // namespace
+
+std::string counts_text(const Reconstruction& r) {
+  return fmt::format("{} of {} frames posed in {} segment{}, {} key frames, {} points, rms {:.2f} px",
+                     posed_count(r), r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s",
+                     r.keyframes.size(), r.points.size(), r.rms_reprojection_px);
+}
 
 Result<int> printed(const std::string& text) {
   if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {

@@ -5,6 +5,7 @@
 
 #include "raysfm/core/events.h"
 #include "raysfm/core/result.h"
+#include "raysfm/scene/reconstruction.h"
 
 namespace raysfm::app {
 
@@ -19,6 +20,9 @@ class StopSignals {
   // Of a run that a signal ended.
   int exit_code() const;
 };
+
+// How many frames of a tracked video have a pose, and what the map holds; one line without its end.
+std::string counts_text(const Reconstruction& reconstruction);
 
 // Writes text to standard output: exit code 0, or bad input where that cannot be written.
 Result<int> printed(const std::string& text);

@@ -11,7 +11,6 @@
 #include "live_view.h"
 #include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
-#include "raysfm/scene/worlds.h"
 #include "setting_flags.h"
 #include "terminal.h"
 
@@ -46,9 +45,7 @@ class ProgressPrinter : public ProgressLine {
 
 void print_summary(const TrackResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
-  std::printf("%d of %zu frames posed in %zu segment%s, %zu key frames, %zu points, rms %.2f px\n",
-              posed_count(r), r.frames.size(), r.segments.size(), r.segments.size() == 1 ? "" : "s",
-              r.keyframes.size(), r.points.size(), r.rms_reprojection_px);
+  std::printf("%s\n", counts_text(r).c_str());
   if (r.segments.size() > 1) {
     std::printf("segments share neither world nor scale: the longest is at the top, the others in worlds/\n");
   }

@@ -4,16 +4,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 
-#include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/scene/worlds.h"
-#include "support/synth_views.h"
+#include "support/synth_maps.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::saved_maps;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -31,20 +30,13 @@ VideoPiece piece_of(int first, int end) {
   Odometry odometry(Rig{{small_camera()}}, {});
   for (int i = first; i < end; ++i) odometry.process(way().view(i, i - first));
   std::vector<Map> maps;
-  VideoPiece piece{"from " + std::to_string(first), odometry.finish(false, &maps), {{{small_camera()}}, {}}};
+  VideoPiece piece{"from " + std::to_string(first), odometry.finish(false, &maps), {}};
   for (int i = first; i < end; ++i) {
     PosedFrame& frame = piece.result.frames[i - first];
     frame.timestamp = i;
     frame.image_name = fmt::format("frame-{:06}", i - first);
   }
-  for (Map& map : maps) {
-    SavedWorld& world = piece.map.worlds.emplace_back();
-    for (MapKeyFrame& k : map.keyframes) {
-      world.sources.push_back({static_cast<double>(first + k.frame), {}});
-      k.frame = static_cast<int>(world.sources.size()) - 1;
-    }
-    world.map = std::move(map);
-  }
+  piece.map = saved_maps(std::move(maps), first);
   return piece;
 }
 
@@ -54,17 +46,13 @@ const std::vector<VideoPiece>& pieces() {
 }
 
 double percent_of_path(const Reconstruction& r) {
-  Trajectory estimate, truth;
-  for (size_t i = 0; i < r.frames.size(); ++i) {
-    if (!r.frames[i].world_from_rig) continue;
-    estimate.timestamps.push_back(r.frames[i].timestamp);
-    estimate.world_from_cam.push_back(*r.frames[i].world_from_rig);
-    truth.timestamps.push_back(r.frames[i].timestamp);
-    truth.world_from_cam.push_back(way().world_from_rig[static_cast<int>(r.frames[i].timestamp)]);
+  Trajectory estimate;
+  for (const PosedFrame& frame : r.frames) {
+    if (!frame.world_from_rig) continue;
+    estimate.timestamps.push_back(frame.timestamp);
+    estimate.world_from_cam.push_back(*frame.world_from_rig);
   }
-  const Result<Evaluation> error = evaluate(estimate, truth, {.alignment = Alignment::kSim3});
-  EXPECT_TRUE(error) << error.error().message;
-  return error ? error->percent_of_path() : INFINITY;
+  return testing_support::percent_of_path(estimate, way());
 }
 
 TEST(JoinPieces, EveryFrameIsThereOnceInOneWorld) {

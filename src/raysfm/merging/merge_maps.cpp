@@ -111,8 +111,8 @@ size_t most_typical(const std::vector<NamedMap>& maps) {
 // Joins worlds as they come: each key frame that is a place is looked for among those of other maps.
 class WorldMerger {
  public:
-  WorldMerger(const Rig& rig, const OdometryOptions& options)
-      : rig_(rig), mapper_(rig_, options), places_(rig_, options.seed) {}
+  WorldMerger(const TrackingRig& rig, const OdometryOptions& options)
+      : rig_(rig), mapper_(rig, options), places_(rig, options.seed) {}
 
   // The worlds of one map, and what is known of them and of those before. Those with another calibration are
   // adjusted to the present one.
@@ -196,11 +196,7 @@ class WorldMerger {
     for (const MapKeyFrame& k : worlds_[world].map.keyframes) {
       if (!k.described.empty()) frames.push_back(k.frame);
     }
-    for (const int frame : frames) {
-      const std::vector<MapKeyFrame>& keyframes = worlds_[now(world)].map.keyframes;
-      const auto k = std::ranges::lower_bound(keyframes, frame, {}, &MapKeyFrame::frame);
-      meet({now(world), static_cast<int>(k - keyframes.begin())});
-    }
+    for (const int frame : frames) meet(place_of_frame(world, frame));
   }
 
   // The run that made the map has looked among its own places.
@@ -245,13 +241,15 @@ class WorldMerger {
 
   int world_of(int map, int world) const { return first_of_map_[map] + world; }
 
-  // Where the key frame is now that was added with a world.
-  PlaceRef place_of(int added_world, int keyframe) const {
+  // Where the key frame of a frame is now that was added with a world; or that of its number there.
+  PlaceRef place_of_frame(int added_world, int frame) const {
     const int world = now(added_world);
-    const int frame = worlds_[added_world].first_source + keyframe;
     const std::vector<MapKeyFrame>& keyframes = worlds_[world].map.keyframes;
     const auto k = std::ranges::lower_bound(keyframes, frame, {}, &MapKeyFrame::frame);
     return {world, static_cast<int>(k - keyframes.begin())};
+  }
+  PlaceRef place_of(int added_world, int keyframe) const {
+    return place_of_frame(added_world, worlds_[added_world].first_source + keyframe);
   }
 
   // Key frames that were added with a world, those that are nearest to a time.
@@ -306,7 +304,7 @@ class WorldMerger {
     }
   }
 
-  TrackingRig rig_;
+  const TrackingRig& rig_;
   Mapper mapper_;
   PlaceMemory places_;
   std::deque<World> worlds_;             // of all maps
@@ -330,7 +328,7 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
   }
   OdometryOptions options;
   options.seed = seed;
-  WorldMerger merger(rig.rig(), options);
+  WorldMerger merger(rig, options);
   MergedMaps out;
   out.cameras_of = static_cast<int>(reference);
   for (size_t m = 0; m < maps.size(); ++m) {

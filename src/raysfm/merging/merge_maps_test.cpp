@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <set>
 
-#include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
-#include "support/synth_views.h"
+#include "support/synth_maps.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::saved_maps;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -28,33 +28,21 @@ NamedMap mapped(const SynthViews& from, int first, int end, const std::string& n
   for (int i = first; i < end; ++i) odometry.process(from.view(i, i - first));
   std::vector<Map> maps;
   odometry.finish(false, &maps);
-  NamedMap out{name, {{{small_camera()}}, {}}};
-  for (Map& map : maps) {
-    SavedWorld& world = out.map.worlds.emplace_back();
-    for (MapKeyFrame& k : map.keyframes) {
-      world.sources.push_back({static_cast<double>(first + k.frame), {}});
-      k.frame = static_cast<int>(world.sources.size()) - 1;
-    }
-    world.map = std::move(map);
-  }
+  NamedMap out{name, saved_maps(std::move(maps), first)};
   EXPECT_EQ(out.map.worlds.size(), 1u) << name;
   return out;
 }
 
 double percent_of_path(const SavedWorld& world, const SynthViews& views) {
-  Trajectory estimate, truth;
+  Trajectory estimate;
   std::set<int> seen;  // a frame may be a key frame of two maps
   for (size_t k = 0; k < world.sources.size(); ++k) {
     const int frame = static_cast<int>(world.sources[k].timestamp);
     if (!seen.insert(frame).second) continue;
     estimate.timestamps.push_back(frame);
     estimate.world_from_cam.push_back(world.map.keyframes[k].rig_from_world.inverse());
-    truth.timestamps.push_back(frame);
-    truth.world_from_cam.push_back(views.world_from_rig[frame]);
   }
-  const Result<Evaluation> error = evaluate(estimate, truth, {.alignment = Alignment::kSim3});
-  EXPECT_TRUE(error) << error.error().message;
-  return error ? error->percent_of_path() : INFINITY;
+  return testing_support::percent_of_path(estimate, views);
 }
 
 size_t keyframes_of(const NamedMap& map) {

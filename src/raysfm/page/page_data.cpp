@@ -250,16 +250,10 @@ Json missing_json(const Reconstruction& r) {
   return runs;
 }
 
-// Runs of frames that were only seen to turn.
 Json held_json(const Reconstruction& r) {
   Json runs = Json::array();
-  for (size_t f = 0; f < r.frames.size(); ++f) {
-    if (!r.frames[f].place_held) continue;
-    if (!runs.empty() && runs.back()["last"] == f - 1) {
-      runs.back()["last"] = f;
-    } else {
-      runs.push_back({{"first", f}, {"last", f}});
-    }
+  for (const FrameRun& run : place_held_runs(r.frames)) {
+    runs.push_back({{"first", run.first}, {"last", run.last}});
   }
   return runs;
 }

@@ -13,16 +13,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Runs of frames of which only the turning was seen.
 Json place_held_json(const std::vector<PosedFrame>& frames) {
   Json runs = Json::array();
-  for (size_t i = 0; i < frames.size(); ++i) {
-    if (!frames[i].place_held) continue;
-    if (i > 0 && frames[i - 1].place_held) {
-      runs.back()["last"] = i;
-    } else {
-      runs.push_back({{"first", i}, {"last", i}});
-    }
+  for (const FrameRun& run : place_held_runs(frames)) {
+    runs.push_back({{"first", run.first}, {"last", run.last}});
   }
   return runs;
 }

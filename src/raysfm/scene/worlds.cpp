@@ -82,4 +82,14 @@ int posed_count(const Reconstruction& reconstruction) {
       reconstruction.frames, [](const PosedFrame& f) { return f.world_from_rig.has_value(); }));
 }
 
+std::vector<FrameRun> place_held_runs(const std::vector<PosedFrame>& frames) {
+  std::vector<FrameRun> runs;
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (!frames[i].place_held) continue;
+    if (i == 0 || !frames[i - 1].place_held) runs.push_back({i, i});
+    runs.back().last = i;
+  }
+  return runs;
+}
+
 }  // namespace raysfm

@@ -14,6 +14,14 @@ std::vector<int> worlds_in_order(const Reconstruction& reconstruction);
 // error of reprojection is that of the whole.
 Reconstruction world_of(const Reconstruction& reconstruction, int segment);
 
+// Frames from `first` to `last`, both included.
+struct FrameRun {
+  size_t first = 0, last = 0;
+};
+
+// The frames of which only the turning was seen.
+std::vector<FrameRun> place_held_runs(const std::vector<PosedFrame>& frames);
+
 // Frames with a pose.
 int posed_count(const Reconstruction& reconstruction);
 
