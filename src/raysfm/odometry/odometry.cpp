@@ -5,7 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
-#include <numeric>
+#include <ranges>
 #include <utility>
 
 #include "raysfm/core/median.h"
@@ -214,15 +214,19 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
 
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
   previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
-  const FrameRecord& before = frames_[chosen[2] - 1];
-  if (before.segment == world()) {
-    const Rigid3 rig_from_world = present_pose(before, segment().map);
-    previous_->velocity = previous_->pose.rig_from_world * rig_from_world.inverse();
-    previous_->interval = third->view->timestamp - before.timestamp;
-  }
+  learn_velocity();
   if (rig_.scans()) previous_->pose.velocity = present_velocity(chosen[2]);
   set_anchor(2);
   for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
+}
+
+// Of the newest posed view, from the frame before it.
+void Odometry::learn_velocity() {
+  const int frame = previous_->view->frame;
+  if (frame == 0 || frames_[frame - 1].segment != world()) return;
+  const Rigid3 before = present_pose(frames_[frame - 1], segment().map);
+  previous_->velocity = previous_->pose.rig_from_world * before.inverse();
+  previous_->interval = previous_->view->timestamp - frames_[frame - 1].timestamp;
 }
 
 void Odometry::set_anchor(int keyframe) {
@@ -357,7 +361,7 @@ Rigid3 Odometry::turned(const View& before_view, const View& view) const {
 Rigid3 Odometry::moved_on(const Previous& from, const View& view) {
   constexpr double kMostIntervals = 4;  // beyond them nothing is known of it
   const Rigid3& still = from.pose.rig_from_world;
-  if (!(from.interval > 0)) return still;
+  if (from.interval == 0) return still;
   const double intervals = (view.timestamp - from.view->timestamp) / from.interval;
   return part_of(from.velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
 }
@@ -662,10 +666,30 @@ void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
   observer_->track_found({view->frame, world(), keyframe});
   last_seen_.reset();
   turner_.end();
+  const std::vector<WaitingView> missed = starter_->views();
   starter_.emplace(rig_, options_);
   segment().end_reason = "end of input";
   set_anchor(keyframe);
   accept(view, std::move(pose));
+  pose_missed(missed);
+}
+
+// Views since track was lost, back in time from the one that was found again: what kept track from going on
+// may not keep it from coming back.
+void Odometry::pose_missed(const std::vector<WaitingView>& missed) {
+  const Previous found = *previous_;
+  for (const WaitingView& waiting : std::views::reverse(missed)) {
+    if (!waiting.view) continue;
+    ViewPtr view = waiting.view;
+    Localisation pose = localise(&view);
+    if (!believable(pose)) break;
+    follow_scan(*view, &pose);
+    record(view->frame, pose, local_.anchor);
+    previous_ = following(*previous_, view, std::move(pose));
+  }
+  previous_ = found;
+  pose_copies(missed);
+  learn_velocity();
 }
 
 Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_maps) {

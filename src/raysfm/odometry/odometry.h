@@ -132,7 +132,7 @@ class Odometry {
     ViewPtr view;
     Localisation pose;
     Rigid3 velocity;      // rig now from rig `interval` ago
-    double interval = 0;  // seconds, > 0; 0: no velocity
+    double interval = 0;  // seconds; below 0 where time is gone through backwards; 0: no velocity
 
     template <typename A>
     void archive(A& a);
@@ -181,6 +181,7 @@ class Odometry {
   void take_up_place(const ViewPtr& view, const PlaceRef& where, const DescribedCorners& seen,
                      const RecognisedPlace& place);
   void resume(const ViewPtr& view, int keyframe, Localisation pose);
+  void pose_missed(const std::vector<WaitingView>& missed);
   // odometry_scan.cpp:
   Velocity velocity_of(int frame, const Rigid3& rig_from_world, const Rigid3* next = nullptr) const;
   Velocity present_velocity(int frame) const;
@@ -212,6 +213,7 @@ class Odometry {
   void carry_frames(int segment, const std::vector<Rigid3>& before);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);
+  void learn_velocity();
   void record(int frame, const Localisation& pose, int keyframe);
   void settle(int frame);
   void settle_until(int frame);

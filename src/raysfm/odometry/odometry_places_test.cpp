@@ -131,6 +131,25 @@ TEST(OdometryPlaces, TheFirstPlaceIsFoundAgainAfterAGap) {
   EXPECT_LT(error_of(r, film).percent_of_path(), 0.3);
 }
 
+// Back from where little of the map is seen to where a view is recognised: the frames until then are posed
+// from there.
+TEST(OdometryPlaces, FramesBeforeTrackIsFoundAgainArePosedAfterwards) {
+  Film film;
+  film.add(quick_round(), 4, 30);
+  film.add_black(4);
+  for (int i = 52; i >= 24; --i) film.add(quick_round(), i, i + 1);
+  struct : TrackerObserver {
+    std::vector<int> frames;
+    void track_found(const TrackFound& e) override { frames.push_back(e.frame); }
+  } found;
+  const Reconstruction r = run(film, {}, {{small_camera()}}, &found);
+  ASSERT_EQ(r.segments.size(), 1u);
+  ASSERT_EQ(found.frames.size(), 1u);
+  EXPECT_GT(found.frames[0], 30);
+  expect_posed_where_it_sees(r, film);
+  EXPECT_LT(error_of(r, film).percent_of_path(), 0.3);
+}
+
 // More than 60 key frames later, when no image of the first place is there.
 TEST(OdometryPlaces, ALoopIsClosed) {
   Film film;
