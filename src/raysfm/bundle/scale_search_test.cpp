@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "raysfm/camera/pixel_finder.h"
 #include "support/bundle_scene.h"
 
 namespace raysfm {
@@ -107,6 +108,58 @@ double mean_square_error(Spoil spoil) {
     sum += std::pow(std::log(scale_of(scene)) / found.sigma, 2) / kTrials;
   }
   return sum;
+}
+
+// A camera before a sphere mirror goes through a room; exact pixels.
+test::BundleScene mirror_scene() {
+  constexpr int kPoses = 12, kPoints = 400;
+  Rng rng(5);
+  test::BundleScene scene;
+  Camera& camera = scene.cameras.emplace_back();
+  camera.model = Mirror::from_parameters(
+      {1640, 1640, 319.5, 319.5, 0.1, 0, 0.083, 0.0025, -0.0015, 0.4, 0, 0, 0, 1, 0.022});
+  camera.width = camera.height = 640;
+  const PixelFinder finder(camera);
+  for (int i = 0; i < kPoses; ++i) {
+    const Rigid3 world_from_rig{exp_so3(i * Eigen::Vector3d(0.05, -0.08, 0.06)),
+                                Eigen::Vector3d(0.2 * i, 0.1 * std::sin(i), 0.05 * i)};
+    scene.true_poses.push_back(world_from_rig.inverse());
+    scene.pose_is_free.push_back(i > 0);
+  }
+  for (int p = 0; p < kPoints; ++p) {
+    scene.true_points.push_back({rng.uniform(-3, 4), rng.uniform(-3, 3), rng.uniform(-3, 3)});
+    for (int i = 0; i < kPoses; ++i) {
+      const Eigen::Vector3d in_cam = scene.true_poses[i] * scene.true_points[p];
+      Eigen::Vector2d pixel;
+      if (in_cam.norm() < 1 || !finder.find(in_cam, &pixel)) continue;
+      const double radius = (pixel - Eigen::Vector2d(319.5, 319.5)).norm();  // well inside what it sees
+      if (radius > 90 && radius < 290) scene.observations.push_back({i, p, 0, pixel});
+    }
+  }
+  scene.is_inlier.assign(scene.observations.size(), 1);
+  return scene;
+}
+
+// The cost of angles must not fall because what is seen moves away: then the scale would come out too large,
+// by several standard deviations here.
+TEST(ScaleSearch, AMirrorTellsItWithoutBias) {
+  constexpr int kTrials = 10;
+  const test::BundleScene exact = mirror_scene();
+  Rng rng(3);
+  BundleAdjuster adjuster;
+  double mean = 0, variance = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    test::BundleScene scene = exact;
+    for (BundleObservation& o : scene.observations)
+      o.pixel += 0.4 * Eigen::Vector2d(rng.normal(), rng.normal());
+    test::observe_rays(&scene, AngularWeight::kPixel);
+    const ScaleSearch found =
+        search_scale(adjuster, scaled(scene, 1), {.max_iterations = 40, .min_relative_decrease = 1e-9});
+    mean += std::log(scale_of(scene)) / kTrials;
+    variance += found.sigma * found.sigma / kTrials / kTrials;
+  }
+  EXPECT_LT(variance, 0.05 * 0.05);
+  EXPECT_NEAR(mean, 0, 2.5 * std::sqrt(variance));
 }
 
 TEST(ScaleSearch, ErrorsAreAsLargeAsStated) {

@@ -13,7 +13,10 @@ namespace raysfm {
 //
 // is the residual of LBA09 3.2: its length is the tangent of the angle between ray and point when the rows of
 // `tangents` are unit vectors orthogonal to the direction (and to each other). Whitened, they are scaled and
-// sheared so that r is what the angle amounts to in pixels of the camera. A point with direction . D <= 0
+// sheared so that r is what the angle amounts to in pixels of the camera, and the origin is where the rays of
+// neighbouring pixels come from: on the line of the ray, but behind a convex mirror's surface (between its
+// two caustics, where these differ). From elsewhere the angle of a pixel would depend on the distance of the
+// point, and an adjustment would move points away to make errors smaller. A point with direction . D <= 0
 // lies behind the ray and has no residual.
 struct ObservedRay {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();

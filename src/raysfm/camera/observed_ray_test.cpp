@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <numbers>
 
 namespace raysfm {
 namespace {
@@ -40,6 +41,39 @@ TEST(ObservedRay, WhitenedIsThePixelErrorToFirstOrder) {
     Eigen::Vector2d r;
     ASSERT_TRUE(ray.residual(camera.rig_from_cam * Eigen::Vector3d(5 * seen.direction), &r));
     EXPECT_LT((r - error).norm(), 2e-3 * error.norm());
+  }
+}
+
+Camera sphere_mirror() {
+  Camera camera;
+  camera.model = Mirror::from_parameters(
+      {1640, 1640, 319.5, 319.5, 0.1, 0, 0.083, 0.0025, -0.0015, 0.4, 0, 0, 0, 1, 0.022});
+  camera.width = camera.height = 640;
+  return camera;
+}
+
+// Errors in all directions of the image, at any distance. The two caustics of a sphere are apart, so that
+// errors along a radius come out too large and those across it too small; their squares make up for each
+// other.
+TEST(ObservedRay, WhitenedIsThePixelErrorOfAMirrorAtAnyDistance) {
+  constexpr int kDirections = 16;
+  constexpr double kError = 0.05;
+  const Camera camera = sphere_mirror();
+  for (const Eigen::Vector2d& observed : {Eigen::Vector2d(400, 330), Eigen::Vector2d(200, 500)}) {
+    ObservedRay ray;
+    ASSERT_TRUE(observe_ray(camera, observed, AngularWeight::kPixel, &ray));
+    for (const double distance : {0.4, 2.0, 10.0}) {
+      double squares = 0;
+      for (int i = 0; i < kDirections; ++i) {
+        const double angle = 2 * std::numbers::pi * i / kDirections;
+        Ray seen;
+        ASSERT_TRUE(camera.ray(observed + kError * Eigen::Vector2d(std::cos(angle), std::sin(angle)), &seen));
+        Eigen::Vector2d r;
+        ASSERT_TRUE(ray.residual(seen.origin + distance * seen.direction, &r));
+        squares += r.squaredNorm() / kDirections;
+      }
+      EXPECT_NEAR(squares / (kError * kError), 1, 0.01) << distance;
+    }
   }
 }
 
