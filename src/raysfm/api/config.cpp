@@ -148,6 +148,17 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
       {"free-cameras", "key frames that a local adjustment moves", &o.free_cameras, {}},
       {"window", "key frames that a local adjustment observes", &o.window, {}},
       {"global-until", "key frames up to which everything is adjusted", &o.global_until, {}},
+      {"preset",
+       "lba09: as the paper, for comparison; refines no calibration, closes no loops, and leaves out all "
+       "that "
+       "--without and --paper-window name",
+       &s.preset,
+       {"none", "lba09"}},
+      {"without",
+       "what to leave out of what the paper does not have, separated by commas: blur, keyframes, parallax, "
+       "surfaces, turning",
+       &s.without,
+       {}},
       {"paper-window",
        "local adjustments as LBA09 2.5 has them, for experiments: nothing older than the window is observed, "
        "which "

@@ -164,6 +164,14 @@ Result<Sources> open_sources(const TrackSettings& settings, const std::optional<
   return opened;
 }
 
+// Everything as in LBA09, as far as it can be chosen: what the paper does not have is left out.
+void follow_paper(TrackSettings* settings) {
+  settings->refine_lens = settings->loops = "off";
+  settings->rolling_shutter = "none";
+  settings->odometry.paper_window = true;
+  settings->odometry.departures = kNoDepartures;
+}
+
 // The methods that the settings name, for the pipeline.
 Result<void> choose_methods(TrackSettings* settings) {
   static constexpr std::pair<std::string_view, ErrorMeasure> kErrors[] = {
@@ -189,7 +197,11 @@ Result<void> choose_methods(TrackSettings* settings) {
     }
     return bad_input(fmt::format("{} = {}: unknown; see --help", flag, name));
   };
+  const bool as_paper = settings->preset == "lba09";
+  if (as_paper) follow_paper(settings);
+  if (auto r = leave_out(settings->without, &settings->odometry.departures); !r) return r;
   if (auto r = choose(kErrors, "--error", settings->error, &settings->odometry.error); !r) return r;
+  if (as_paper && settings->error == "auto") settings->odometry.error = ErrorMeasure::kPaper;
   if (auto r = choose(kStarts, "--start", settings->start, &settings->odometry.start); !r) return r;
   if (auto r = choose(kLoops, "--loops", settings->loops, &settings->odometry.loops); !r) return r;
   if (auto r = choose(kFinals, "--final", settings->final, &settings->odometry.final); !r) return r;

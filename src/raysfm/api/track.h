@@ -31,11 +31,13 @@ struct TrackSettings {
   // "auto", "none" or the milliseconds of a readout: of the rolling shutters of all cameras. "auto" leaves
   // what the camera file says.
   std::string rolling_shutter = "auto";
-  std::string loops = "on";    // "on" or "off"; sets odometry.loops
-  std::string map;             // path of a saved map to go on from; empty: none
-  std::string save_map;        // path of the one to leave; empty: none
-  bool localise = false;       // only in `map`, no other world is started
-  std::string final = "none";  // "none", "global" or "hierarchical": adjustment of everything at the end
+  std::string loops = "on";     // "on" or "off"; sets odometry.loops
+  std::string map;              // path of a saved map to go on from; empty: none
+  std::string save_map;         // path of the one to leave; empty: none
+  bool localise = false;        // only in `map`, no other world is started
+  std::string final = "none";   // "none", "global" or "hierarchical": adjustment of everything at the end
+  std::string preset = "none";  // "none" or "lba09": as the paper, see follow_paper()
+  std::string without;          // names of departures from the paper, separated by commas
   OdometryOptions odometry;
   // File by which a run that was killed is gone on from: read where it is there, and replaced now and then.
   // Whoever has the result removes it. Empty: none.

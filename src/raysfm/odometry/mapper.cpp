@@ -203,6 +203,7 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
 // Those of the newest key frame, and again of what has become better known since.
 void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
   constexpr std::array kAges = {0, 2, 8};  // key frames
+  if (!options_.departures.surfaces) return;
   ScopedTimer timer(keyframe_timing);
   const int newest = static_cast<int>(views->size()) - 1;
   for (const int age : kAges) {
@@ -369,7 +370,8 @@ void Mapper::triangulate_tracks(int keyframe, Map* map) {
     return std::tie(a.negative_parallax, a.track) < std::tie(b.negative_parallax, b.track);
   });
   for (const Candidate& c : candidates_) {
-    if (-c.negative_parallax < kMinParallax && known >= kEnoughPoints) break;
+    const bool may_wait = options_.departures.parallax && known >= kEnoughPoints;
+    if (-c.negative_parallax < kMinParallax && may_wait) break;
     Track& track = map->tracks[c.track];
     if (!triangulate_track(*map, &track)) continue;
     ++known;

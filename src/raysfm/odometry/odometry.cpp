@@ -389,7 +389,7 @@ Localisation Odometry::search(const View& view) {
     if (convincing(pose)) return pose;
     if (!best.ok || (pose.ok && pose.matches.size() > best.matches.size())) best = std::move(pose);
   }
-  return search_blurred(view, std::move(best));
+  return options_.departures.blur ? search_blurred(view, std::move(best)) : best;
 }
 
 // What moved while it was exposed shows its corners no more, but larger things still.
@@ -449,7 +449,7 @@ bool Odometry::is_due(const Localisation& pose) {
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
   const MapKeyFrame& anchor = segment().map.keyframes[local_.anchor];
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
-  return frame - anchor.frame >= kMinKeyFrameGap &&
+  return options_.departures.keyframes && frame - anchor.frame >= kMinKeyFrameGap &&
          step.translation.norm() > kKeyFrameBaseline * anchor_distance_;
 }
 
@@ -588,7 +588,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   look_about(static_cast<int>(segment().map.keyframes.size()));
   last_seen_ = std::exchange(previous_, std::nullopt);
   starter_.emplace(rig_, options_);
-  begin_turn();
+  if (options_.departures.turning) begin_turn();
   turn_on_the_spot(view);
   if (options_.starts_worlds) start(view);
 }
@@ -640,8 +640,8 @@ bool Odometry::find_again(const ViewPtr& view) {
   const LocalMap local = make_local_map(segment().map, segment().views, rig_, anchor, kReach);
   const Rigid3 turned_on = turned(*last_seen_->view, *view) * last_seen_->pose.rig_from_world;
   for (const Rigid3& predicted : {turned_on, moved_on(*last_seen_, *view)}) {
-    Localisation pose =
-        localiser_.follow(segment().map, segment().views, local, *view, predicted, Focus::kBlurred);
+    Localisation pose = localiser_.follow(segment().map, segment().views, local, *view, predicted,
+                                          options_.departures.blur ? Focus::kBlurred : Focus::kSharp);
     if (!in_sight(pose) || !recognised(pose, options_)) continue;
     resume(view, anchor, std::move(pose));
     return true;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string_view>
 
 #include "raysfm/calibration/calibration_refiner.h"
 #include "raysfm/core/result.h"
@@ -15,6 +16,21 @@ enum class FinalAdjustment : uint8_t {
   kHierarchical,  // halves of halves first, for maps that are bent (LBA09 2.6)
 };
 
+// What is done beyond LBA09 and can be left out to see what it brings; docs/architecture.md says why it is
+// done.
+struct Departures {
+  bool blur = true;       // views that moved while they were exposed are followed by larger patches
+  bool keyframes = true;  // a key frame is due once the camera has moved, beside the rules of 2.4
+  bool parallax = true;   // points of little parallax wait for more of it
+  bool surfaces = true;   // patches before rigs are deformed as the surfaces about them lie
+  bool turning = true;    // what only turns where nothing is known keeps its orientation
+};
+
+// Leaves out those named, separated by commas. Errors: a name that is none, with those that are.
+Result<void> leave_out(std::string_view names, Departures* departures);
+// All of them.
+constexpr Departures kNoDepartures{false, false, false, false, false};
+
 // Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
 struct OdometryOptions {
   int features = 1500;     // corners per frame (2.1); >= 50
@@ -26,6 +42,7 @@ struct OdometryOptions {
   // Local adjustments as in 2.5 to the letter: all key frames up to N_f with each of them, then N and none
   // that is older; N may be n or n + 1, which leaves the scale at the end free (5.3).
   bool paper_window = false;
+  Departures departures = {};
   ErrorMeasure error = ErrorMeasure::kAuto;
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   LensRefinement refine_lens = LensRefinement::kAuto;

@@ -67,5 +67,19 @@ TEST(OdometryOptions, BoundsAreWhatTheyAreSaidToBe) {
   EXPECT_TRUE(is_valid(&OdometryOptions::window, std::numeric_limits<int>::max()));
 }
 
+TEST(Departures, ThoseNamedAreLeftOut) {
+  Departures some;
+  ASSERT_TRUE(leave_out("", &some));
+  EXPECT_TRUE(some.blur && some.keyframes && some.parallax && some.surfaces && some.turning);
+  ASSERT_TRUE(leave_out("keyframes,turning", &some));
+  EXPECT_TRUE(some.blur && some.parallax && some.surfaces);
+  EXPECT_FALSE(some.keyframes || some.turning);
+  for (const char* names : {"blurr", "blur,,parallax", "blur parallax"}) {
+    const Result<void> refused = leave_out(names, &some);
+    ASSERT_FALSE(refused) << names;
+    EXPECT_NE(refused.error().message.find("blur, keyframes, parallax"), std::string::npos);
+  }
+}
+
 }  // namespace
 }  // namespace raysfm

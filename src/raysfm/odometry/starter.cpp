@@ -444,7 +444,7 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   }
   start->views = std::move(completed);
   mapper.adjust_globally(&map);
-  if (!rig_.central()) refine_on_surfaces(views, start, mapper);
+  if (!rig_.central() && options_.departures.surfaces) refine_on_surfaces(views, start, mapper);
 }
 
 // Once more, now that many points tell which way the surfaces face.

@@ -34,7 +34,7 @@ double common_share(const TrackingRig& rig, int from, int to) {
 TrackingRig::TrackingRig(Rig rig, ErrorMeasure measure) : rig_(std::move(rig)) {
   constexpr double kLeastCommonShare = 0.05;
   central_ = camera_class(rig_) == CameraClass::kCentral;
-  weighted_ = measure != ErrorMeasure::kAngularPlain;
+  weighted_ = measure != ErrorMeasure::kAngularPlain && measure != ErrorMeasure::kPaper;
   angular_ = measure == ErrorMeasure::kAngular || measure == ErrorMeasure::kAngularPlain;
   for (const Camera& camera : rig_.cameras) {
     angular_ |= !camera.can_project();

@@ -15,6 +15,7 @@ enum class ErrorMeasure : uint8_t {
   kPixel,
   kAngular,       // angles, each weighted to what it is in pixels where it was observed
   kAngularPlain,  // angles as they are, as in the paper
+  kPaper,         // pixels where every camera projects, else angles as they are
 };
 
 // A rig with what every stage of the pipeline asks of it, worked out once. Nothing after this asks which kind
