@@ -142,6 +142,31 @@ class Eval(ProgramTest):
         length = sum(math.dist(a[1:], b[1:]) for a, b in zip(spiral()[:39], spiral()[1:40]))
         self.assertAlmostEqual(result["length_m"], length, places=6)
 
+    def covariances(self, sigma, count=50):
+        """All alike, of positions and orientations."""
+        line = ",".join(repr(sigma ** 2) if i == j else "0" for i in range(6) for j in range(i, 6))
+        return self.file(f"covariance-{sigma}-{count}.csv", "".join(f"{t},{line}\n" for t in range(count)))
+
+    def test_covariances(self):
+        """Every second pose is 1 mm off, which is nothing beside 1 cm and much beside 0.1 mm."""
+        off = self.file("off.txt", tum([(t, x, y + 0.001 * (i % 2), z) for i, (t, x, y, z) in enumerate(spiral())]))
+        large = self.json(off, self.truth, "--covariance", self.covariances(0.01))["covariance"]
+        self.assertEqual([(w["length"], w["windows"], w["frames"]) for w in large], [(10, 5, 50), (20, 2, 40), (40, 1, 40)])
+        small = self.json(off, self.truth, "--covariance", self.covariances(0.0001))["covariance"]
+        for w in range(3):
+            self.assertEqual(large[w]["position"]["held"], 1)
+            self.assertLess(small[w]["position"]["held"], 0.2)
+            self.assertGreater(small[w]["position"]["normalised_error2"], 5)
+            self.assertEqual(small[w]["orientation"]["held"], 1)
+        table = run("eval", off, self.truth, "--covariance", self.covariances(0.01)).stdout
+        self.assertIn("5 windows of 10 frames", table)
+        self.assertNotIn("ellipsoids", run("eval", off, self.truth).stdout)
+
+    def test_covariances_that_do_not_belong(self):
+        self.refused("eval", self.truth, self.truth, "--covariance", self.covariances(0.01, 49),
+                     says=["49.csv", "49 covariances for 50 poses"])
+        self.refused("eval", self.truth, self.truth, "--covariance", self.folder / "none.csv", says=["none.csv"])
+
     def test_alignments(self):
         moved = self.file("moved.txt", tum([(t, x + 3, y - 4, z) for t, x, y, z in spiral()]))
         self.assertLess(self.json(moved, self.truth, "--align", "se3")["ate"]["max"], 1e-8)

@@ -1,15 +1,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <memory>
 #include <vector>
 
 #include "commands.h"
+#include "raysfm/eval/consistency.h"
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/plots/plot.h"
+#include "raysfm/results/covariance_file.h"
 #include "raysfm/results/evaluation_report.h"
 #include "raysfm/results/trajectory_file.h"
 #include "terminal.h"
@@ -24,7 +27,10 @@ struct EvalOptions {
   double max_dt = EvaluationOptions{}.max_dt;
   bool json = false;
   std::string plot;
+  std::string covariance;
 };
+
+constexpr std::array kWindows = {10, 20, 40};  // frames
 
 Alignment alignment_of(const std::string& name) {
   if (name == "sim3") return Alignment::kSim3;
@@ -77,12 +83,40 @@ std::string worlds_table(const EvaluatedWorlds& evaluated) {
   return text + fmt::format("  all             coverage {:.1f} %\n", 100 * evaluated.coverage);
 }
 
+Result<std::vector<WindowConsistency>> judge_covariances(const std::string& path, const Trajectory& estimate,
+                                                         const Trajectory& truth,
+                                                         const EvaluationOptions& options) {
+  const Result<std::vector<Matrix6d>> covariances = read_covariance_csv(path);
+  if (!covariances) return covariances.error();
+  auto windows = window_consistency(estimate, *covariances, truth, options, kWindows);
+  if (!windows) return bad_input(path + ": " + windows.error().message);
+  return windows;
+}
+
+std::string consistency_row(const char* name, const Consistency& c) {
+  return fmt::format("{:<18}{:>5}{:>12.4g}{:>20.4g}\n", name, "%", 100 * c.held, c.normalised_error2);
+}
+
+std::string windows_table(std::span<const WindowConsistency> windows) {
+  if (windows.empty()) return "";
+  std::string text = fmt::format("\n90 % ellipsoids{:>20}{:>20}\n", "hold", "error2 per freedom");
+  for (const WindowConsistency& w : windows) {
+    if (w.windows == 0) {
+      text += fmt::format("none, there are fewer than {} frames\n", w.length);
+      continue;
+    }
+    text += fmt::format("{} windows of {} frames, each aligned by itself\n", w.windows, w.length);
+    text += consistency_row("  position", w.position) + consistency_row("  orientation", w.orientation);
+  }
+  return text;
+}
+
 Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
   if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
   if (!(options.max_dt >= 0) || !std::isfinite(options.max_dt)) {
     return bad_input(fmt::format("--max-dt: {} is not allowed, seconds from 0 are", options.max_dt));
   }
-  const std::string inputs[] = {options.estimate, options.truth};
+  const std::string inputs[] = {options.estimate, options.truth, options.covariance};
   if (auto r = check_not_input("--plot", options.plot, inputs); !r) return r.error();
   const Result<Trajectory> truth = read_trajectory(options.truth);
   if (!truth) return truth.error();
@@ -91,15 +125,21 @@ Result<int> run_eval(const EvalOptions& options, const CommonOptions& common) {
       evaluate_folder(options.estimate, *truth, options.truth, {alignment, options.max_dt});
   if (!evaluated) return evaluated.error();
   const auto& [estimate, evaluation] = evaluated->worlds.front();
+  std::vector<WindowConsistency> windows;
+  if (!options.covariance.empty()) {
+    auto judged = judge_covariances(options.covariance, estimate, *truth, {alignment, options.max_dt});
+    if (!judged) return judged.error();
+    windows = *std::move(judged);
+  }
   if (!options.plot.empty()) {
     const Result<void> plotted = plot_evaluation(estimate, *truth, *evaluation, options.plot);
     if (!plotted) return plotted.error();
   }
   std::string text;
   if (options.json) {
-    text = evaluation_json(*evaluated, alignment);
+    text = evaluation_json(*evaluated, alignment, windows);
   } else if (!common.quiet) {
-    text = as_table(*evaluation, *truth, options) + worlds_table(*evaluated);
+    text = as_table(*evaluation, *truth, options) + worlds_table(*evaluated) + windows_table(windows);
     if (!options.plot.empty()) text += fmt::format("plot              {}\n", options.plot);
   }
   return printed(text);
@@ -121,6 +161,11 @@ Command add_eval(CLI::App& program, const CommonOptions& common) {
   command->add_option("--max-dt", options->max_dt, "seconds by which matching poses may differ")
       ->capture_default_str();
   command->add_flag("--json", options->json, "print one JSON object");
+  command
+      ->add_option(
+          "--covariance", options->covariance,
+          "covariance.csv of the estimate: how often its ellipsoids hold the errors of short windows")
+      ->type_name("FILE.csv");
   command->add_option("--plot", options->plot, "draw the trajectories and the error over time")
       ->type_name("FILE.png");
   return [options, &common] { return run_eval(*options, common); };

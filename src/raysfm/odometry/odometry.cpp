@@ -207,6 +207,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   turner_.end();
   segment().calibration = calibration_;
   observer_->world_started({world(), start.summary});
+  map_covariance_.follow(rig_, segment().map, world());
   pose_start_frames(start, views);
   pose_earlier_frames(views, start.first_view);
   pose_copies(views);
@@ -482,6 +483,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
   refine_calibration(world(), false);
+  map_covariance_.follow(rig_, segment().map, world());
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
@@ -511,6 +513,7 @@ void Odometry::rescale_frames(int segment, double factor) {
   for (FrameRecord& frame : frames_) {
     if (frame.segment == segment) scale_pose(factor, &frame);
   }
+  map_covariance_.rescale(segment, factor);
   if (!tracking() || segment != active_) return;
   previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
   previous_->pose.velocity.head<3>() *= factor;
@@ -532,14 +535,25 @@ void Odometry::drop_dead_features(int keyframe, bool for_good) {
   raysfm::drop_dead_features(keyframe, for_good, &segment().map, &segment().views[keyframe]);
 }
 
+// The covariance of a pose that hangs on a key frame, from the one with points held fixed.
+Matrix6d Odometry::with_map(int segment, int keyframe, const Rigid3& rig_from_world,
+                            const Matrix6d& points_fixed) const {
+  const MapKeyFrame& k = segments_[segment].map.keyframes[keyframe];
+  return map_covariance_.of(segment, k.frame, rig_from_world * k.rig_from_world.inverse(), points_fixed);
+}
+
 void Odometry::record(int number, const Localisation& pose, int keyframe) {
+  record(number, pose, keyframe, with_map(world(), keyframe, pose.rig_from_world, pose.covariance));
+}
+
+void Odometry::record(int number, const Localisation& pose, int keyframe, const Matrix6d& covariance) {
   FrameRecord& frame = frames_[number];
   const bool is_new = frame.segment < 0;
   posed_ += is_new;
   frame.segment = world();
   frame.keyframe = keyframe;
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
-  frame.covariance = pose.covariance;
+  frame.covariance = covariance;
   frame.place_held = false;
   frame.reason.clear();
   frame.matches.clear();
@@ -557,8 +571,10 @@ void Odometry::settle(int number) {
   Rigid3 pose = present_pose(*frame, map);
   if (rig_.scans()) localiser_.set_velocity(present_velocity(number));
   const bool is_keyframe = keyframe.frame >= 0 && &frames_[keyframe.frame] == frame;
-  if (localiser_.refine(map, frame->matches, &pose, &frame->covariance) && !is_keyframe) {
-    frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
+  Matrix6d points_fixed;
+  if (localiser_.refine(map, frame->matches, &pose, &points_fixed)) {
+    if (!is_keyframe) frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
+    frame->covariance = with_map(frame->segment, frame->keyframe, pose, points_fixed);
   }
   frame->matches = std::vector<TrackPixel>();  // frees the memory, which {} does not
 }
@@ -607,7 +623,7 @@ bool Odometry::turn_on_the_spot(const ViewPtr& view) {
   Localisation pose;
   pose.rig_from_world = turned->rig_from_world;
   pose.covariance = turned->covariance;
-  record(view->frame, pose, frames_[last_seen_->view->frame].keyframe);
+  record(view->frame, pose, frames_[last_seen_->view->frame].keyframe, turned->covariance);
   last_seen_ = following(*last_seen_, view, std::move(pose));
   frames_[view->frame].place_held = true;
   return true;
@@ -724,6 +740,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     mapper_.measure_scale(ScaleEffort::kFull, &map);
     rescale_frames(static_cast<int>(s), map.rescaled / rescaled);
   }
+  if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
   for (int i = 0; i < frames(); ++i) settle(i);
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));

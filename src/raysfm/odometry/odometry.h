@@ -15,6 +15,7 @@
 #include "raysfm/odometry/turn_tracker.h"
 #include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/uncertainty/map_covariance.h"
 #include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
@@ -105,9 +106,10 @@ class Odometry {
     int segment = -1;
     int keyframe = -1;
     Rigid3 rig_from_keyframe;
-    Matrix6d covariance = Matrix6d::Zero();  // tangent of rig_from_world
-    bool place_held = false;                 // as in PosedFrame
-    std::vector<TrackPixel> matches;         // until the pose is settled
+    // Tangent of rig_from_world, the errors of the map included.
+    Matrix6d covariance = Matrix6d::Zero();
+    bool place_held = false;          // as in PosedFrame
+    std::vector<TrackPixel> matches;  // until the pose is settled
 
     template <typename A>
     void archive(A& a);
@@ -215,6 +217,9 @@ class Odometry {
   void set_anchor(int keyframe);
   void learn_velocity();
   void record(int frame, const Localisation& pose, int keyframe);
+  void record(int frame, const Localisation& pose, int keyframe, const Matrix6d& covariance);
+  Matrix6d with_map(int segment, int keyframe, const Rigid3& rig_from_world,
+                    const Matrix6d& points_fixed) const;
   void settle(int frame);
   void settle_until(int frame);
   void lose(ViewPtr view, const std::string& reason);
@@ -237,6 +242,7 @@ class Odometry {
   PlaceMemory places_;
   std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
+  MapCovariance map_covariance_;
   std::optional<Starter> starter_;
   TurnTracker turner_;  // while track is lost
   std::deque<SegmentState> segments_;

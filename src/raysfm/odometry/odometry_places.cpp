@@ -216,6 +216,7 @@ void Odometry::renumber(int segment, int into, const std::vector<int>& keyframes
     for (TrackPixel& m : frame.matches) m.track += first_track;
   }
   refiner_.renumber(segment, into, keyframes);
+  map_covariance_.renumber(segment, into);
 }
 
 // A view that shows a place of any world goes on there. Where images of the place are at hand, all points

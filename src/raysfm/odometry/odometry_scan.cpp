@@ -90,8 +90,10 @@ void Odometry::refine_start() {
       if (!hangs || frame.matches.empty()) continue;
       Rigid3 pose = present_pose(frame, s.map);
       localiser_.set_velocity(present_velocity(i));
-      if (localiser_.refine(s.map, frame.matches, &pose, &frame.covariance))
-        frame.rig_from_keyframe = pose * s.map.keyframes[frame.keyframe].rig_from_world.inverse();
+      Matrix6d points_fixed;
+      if (!localiser_.refine(s.map, frame.matches, &pose, &points_fixed)) continue;
+      frame.rig_from_keyframe = pose * s.map.keyframes[frame.keyframe].rig_from_world.inverse();
+      frame.covariance = with_map(world(), frame.keyframe, pose, points_fixed);
     }
   }
 }

@@ -4,11 +4,13 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <map>
 #include <memory>
 #include <set>
 #include <span>
 
+#include "raysfm/eval/consistency.h"
 #include "raysfm/eval/trajectory_error.h"
 #include "support/synth_views.h"
 
@@ -479,6 +481,41 @@ TEST(Odometry, AFrameFarFromItsPredictionIsFoundByItsCorners) {
   ASSERT_EQ(late.reconstruction.segments.size(), 1u);
   EXPECT_TRUE(late.reconstruction.frames[kJump].world_from_rig);
   expect_small_error(late.reconstruction, input, 0, 0);
+}
+
+// Nine in ten ellipsoids hold the error that is left when a stretch of frames is aligned with the truth,
+// which the noise of the frames' own pixels is the smaller part of.
+TEST(Odometry, CovariancesHoldTheErrorsOfShortStretches) {
+  constexpr int kFrames = 80;
+  constexpr std::array kLengths = {40};
+  int frames = 0;
+  double held = 0, error2 = 0, orientations = 0;
+  for (const uint64_t seed : {1, 2, 3, 4}) {
+    const Input input = one_scene(synth_views(seed % 2 ? "room" : "corridor", "walk", kFrames, seed));
+    const Reconstruction r = run(input);
+    Trajectory estimate, truth;
+    std::vector<Matrix6d> covariances;
+    for (int i = 0; i < kFrames; ++i) {
+      if (r.frames[i].segment != 0) continue;
+      for (Trajectory* t : {&estimate, &truth}) t->timestamps.push_back(i);
+      estimate.world_from_cam.push_back(*r.frames[i].world_from_rig);
+      truth.world_from_cam.push_back(input.world_from_rig[i]);
+      covariances.push_back(r.frames[i].covariance);
+    }
+    const auto windows = window_consistency(estimate, covariances, truth, {}, kLengths);
+    ASSERT_TRUE(windows) << windows.error().message;
+    const WindowConsistency& w = windows->front();
+    frames += w.frames;
+    held += w.frames * w.position.held;
+    orientations += w.frames * w.orientation.held;
+    error2 += w.frames * w.position.normalised_error2;
+  }
+  ASSERT_GE(frames, 240);
+  EXPECT_GT(held / frames, 0.8);
+  EXPECT_LT(held / frames, 0.99);
+  EXPECT_GT(error2 / frames, 0.4);
+  EXPECT_LT(error2 / frames, 1.6);
+  EXPECT_GT(orientations / frames, 0.7);
 }
 
 }  // namespace

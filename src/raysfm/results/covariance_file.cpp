@@ -19,7 +19,7 @@ Result<void> write_covariance_csv(const Reconstruction& world, const std::filesy
   const char* const names[] = {"vx", "vy", "vz", "wx", "wy", "wz"};
   const char* const unit = world.metric_scale ? "metres" : "arbitrary units of trajectory.txt";
   std::string text = fmt::format(
-      "# covariance of world_from_rig in trajectory.txt, points of the map held fixed\n"
+      "# covariance of world_from_rig in trajectory.txt; with respect to what: docs/conventions.md\n"
       "# tangent (vx, vy, vz, wx, wy, wz), applied on the left, in the axes of the world: R <- exp(w) R, t "
       "<- t + v\n"
       "# upper triangle by rows; v in {}, w in radians\n"

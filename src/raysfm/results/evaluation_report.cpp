@@ -30,6 +30,22 @@ EvaluationJson json_of(const Evaluation& e) {
   return json;
 }
 
+EvaluationJson json_of(const Consistency& c) {
+  return {{"held", c.held}, {"normalised_error2", c.normalised_error2}};
+}
+
+// Null where there is no window of that length.
+EvaluationJson json_of(std::span<const WindowConsistency> windows) {
+  EvaluationJson json = EvaluationJson::array();
+  for (const WindowConsistency& w : windows) {
+    EvaluationJson& entry = json.emplace_back();
+    entry = {{"length", w.length}, {"windows", w.windows}, {"frames", w.frames}};
+    entry["position"] = w.windows > 0 ? json_of(w.position) : EvaluationJson(nullptr);
+    entry["orientation"] = w.windows > 0 ? json_of(w.orientation) : EvaluationJson(nullptr);
+  }
+  return json;
+}
+
 double coverage_of_all(const std::vector<EvaluatedWorld>& worlds, const Trajectory& truth) {
   std::vector<bool> matched(truth.size(), false);
   for (const EvaluatedWorld& world : worlds) {
@@ -69,7 +85,8 @@ Result<EvaluatedWorlds> evaluate_folder(const std::filesystem::path& path, const
   return bad_input(fmt::format("{}, {}: {}", path.string(), truth_path, evaluated.error().message));
 }
 
-std::string evaluation_json(const EvaluatedWorlds& evaluated, Alignment alignment) {
+std::string evaluation_json(const EvaluatedWorlds& evaluated, Alignment alignment,
+                            std::span<const WindowConsistency> windows) {
   EvaluationJson json = {{"align", alignment_name(alignment)}};
   json.update(json_of(*evaluated.worlds.front().evaluation));
   json["coverage_all"] = evaluated.coverage;
@@ -79,6 +96,7 @@ std::string evaluation_json(const EvaluatedWorlds& evaluated, Alignment alignmen
     world.update(evaluation ? json_of(*evaluation) : EvaluationJson{{"reason", evaluation.error().message}});
     json["worlds"].push_back(std::move(world));
   }
+  if (!windows.empty()) json["covariance"] = json_of(windows);
   return json.dump(2) + "\n";
 }
 

@@ -1,10 +1,12 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "raysfm/core/result.h"
+#include "raysfm/eval/consistency.h"
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/geometry/trajectory.h"
 
@@ -31,7 +33,8 @@ Result<EvaluatedWorlds> evaluate_worlds(std::vector<Trajectory> worlds, const Tr
 Result<EvaluatedWorlds> evaluate_folder(const std::filesystem::path& path, const Trajectory& truth,
                                         const std::string& truth_path, const EvaluationOptions& options);
 
-// What `eval --json` prints.
-std::string evaluation_json(const EvaluatedWorlds& evaluated, Alignment alignment);
+// What `eval --json` prints; `windows`, where there are any, of the main world.
+std::string evaluation_json(const EvaluatedWorlds& evaluated, Alignment alignment,
+                            std::span<const WindowConsistency> windows = {});
 
 }  // namespace raysfm
