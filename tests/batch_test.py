@@ -118,13 +118,47 @@ class BatchTest(ProgramTest):
 
     def test_what_cannot_be_cut_is_refused(self):
         for flags, words in (("--pieces 0", ["--pieces = '0'", "1 to"]), ("--pieces", ["--pieces", "missing"]),
-                             ("--pieces 2 --overlap x", ["--overlap = 'x'"]), ("--pieces 2", ["2.6", "overlap", "10 s"]),
+                             ("--pieces 2 --overlap x", ["--overlap = 'x'"]),
                              ("--pieces 2 --overlap 1 --from 3", ["--from", "--pieces"])):
             done = self.batch(videos=self.file("list.txt", f"'{FILMS / 'a street'}' {flags}\n"))
             self.assertEqual(done.returncode, 2)
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
             for word in ["line 1", *words]:
                 self.assertIn(word, done.stderr)
+
+    def test_what_cannot_be_cut_is_named_and_the_rest_goes_on(self):
+        videos = self.file("list.txt", f"gone.mp4 --pieces 3\n'{FILMS}/second' --pieces 2\n'{FILMS}/third'\n")
+        done = self.batch("--summary", videos=videos)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertEqual([row["exit"] for row in self.table().values()], ["2"] * 3)
+        # A part has it as it has any other video.
+        for part, code, says in (("1/3", 2, "gone: "), ("2/3", 2, "second: "), ("3/3", 0, "third: done")):
+            done = self.batch("--part", part, videos=videos)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn(says, done.stderr)
+        done = self.batch(videos=videos)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("2 of 3 videos have no result", done.stdout)
+        table = self.table()
+        self.assertEqual([(name, row["exit"]) for name, row in table.items()], [("gone", "2"), ("second", "2"), ("third", "0")])
+        self.assertIn("gone.mp4", table["gone"]["reason"])
+        for word in ("--pieces = 2", "2.6", "overlap", "10 s"):
+            self.assertIn(word, table["second"]["reason"])
+        # Put right, it is done; gone again, what was made of it is left alone.
+        self.file("list.txt", "gone.mp4 --pieces 2 --overlap 2.5\n")
+        (self.folder / "gone.mp4").symlink_to(FILMS / "second")
+        done = self.batch(videos=videos)
+        self.assertEqual((done.returncode, done.stderr.count("done")), (0, 3), done.stderr)
+        (self.folder / "gone.mp4").unlink()
+        for flags in ([], ["--summary"]):
+            done = self.batch(*flags, videos=videos)
+            self.assertEqual((done.returncode, done.stderr.count("done")), (0, 0), done.stderr)
+            self.assertEqual(self.table()["gone"]["frames"], "40")
+        # Not so where the line has been changed.
+        for flags in ("--pieces 3 --overlap 2.5", "--pieces 2 --overlap 2", "--pieces 2 --overlap 2.5 --features 900"):
+            self.file("list.txt", f"gone.mp4 {flags}\n")
+            self.assertEqual(self.batch(videos=videos).returncode, 2)
+            self.assertIn("gone.mp4", self.table()["gone"]["reason"])
 
     def list_with_a_long_one(self, count=4000):
         """The list, and a video that takes long."""

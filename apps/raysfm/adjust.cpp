@@ -14,13 +14,13 @@
 namespace raysfm::app {
 namespace {
 
-struct Arguments {
+struct AdjustArguments {
   AdjustSettings settings;
   std::string out;
 };
 
 // A line that rewrites itself on a terminal, a plain line every other second elsewhere.
-class ProgressPrinter : public ProgressLine {
+class AdjustPrinter : public ProgressLine {
  public:
   using ProgressLine::ProgressLine;
 
@@ -37,7 +37,7 @@ class ProgressPrinter : public ProgressLine {
   Clock::time_point shown_;
 };
 
-void print_summary(const AdjustResult& result, const std::string& out) {
+void print_adjust_summary(const AdjustResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
   const ModelReport& m = *result.report.model;
   const AdjustmentReport& a = *result.report.adjustment;
@@ -48,10 +48,10 @@ void print_summary(const AdjustResult& result, const std::string& out) {
   std::printf("%.2f s, %.0f MiB; written to %s\n", a.solve_s, result.report.peak_rss_mib, out.c_str());
 }
 
-Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+Result<int> run_adjust(const AdjustArguments& arguments, const CommonOptions& common) {
   const AdjustSettings& settings = arguments.settings;
   const StopSignals stop;
-  ProgressPrinter printer(common.quiet);
+  AdjustPrinter printer(common.quiet);
   AdjustCallbacks callbacks;
   callbacks.stop = stop.requested();
   callbacks.ready = [&]() -> Result<void> {
@@ -64,14 +64,14 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   printer.finish();
   if (!result) return result.error();
   if (auto r = write_adjust_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
-  if (!common.quiet) print_summary(*result, arguments.out);
+  if (!common.quiet) print_adjust_summary(*result, arguments.out);
   return result->report.interrupted ? stop.exit_code() : 0;
 }
 
 }  // namespace
 
 Command add_adjust(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<AdjustArguments>();
   CLI::App* command = program.add_subcommand("adjust", "bundle adjustment of a BAL file or a COLMAP model");
   command->footer(
       "A BAL camera's f, k1 and k2 are refined with its pose; the intrinsics of a COLMAP model stay as they "
@@ -86,7 +86,7 @@ Command add_adjust(CLI::App& program, const CommonOptions& common) {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,
                                                         program, common, &arguments->settings.input);
     if (!config) return config.error();
-    Result<int> code = run(*arguments, common);
+    Result<int> code = run_adjust(*arguments, common);
     if (!code) return where_it_was_set(code.error(), *config);
     return code;
   };

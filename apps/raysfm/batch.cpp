@@ -100,6 +100,10 @@ class BatchRunner {
   bool stopped() const { return stop_.requested()->load(); }
 
   Result<void> begin(const BatchJob& job) {
+    if (!job.fault.empty()) {
+      progress_->line(fmt::format("{}: {} ({} of {})", job.name, job.fault, ++done_, total_));
+      return {};
+    }
     Result<FileLock> lock = FileLock::take(folder_.record(job));
     if (!lock) {
       progress_->line(fmt::format("{}: left out: {}", job.name, lock.error().message));

@@ -16,6 +16,7 @@ struct BatchJob {
   int pieces = 1;                           // that the video is cut into
   double overlap = 10;                      // of them, seconds
   std::string whole = {};  // name of the job that joins this piece to the others; empty: no piece
+  std::string fault = {};  // why it is left out; empty: it is not
 };
 
 // The jobs of a list, in its order: a line is [track|solve] INPUT... [FLAGS] [--name NAME] [--pieces N]

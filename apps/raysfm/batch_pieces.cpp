@@ -3,8 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <optional>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include "raysfm/files/text_file.h"
 #include "raysfm/frames/frame_source.h"
@@ -49,6 +52,24 @@ Result<TimeRange> span_of(const BatchJob& job, const std::filesystem::path& fold
   return bad_input(fmt::format("{}: its length is not known, which --pieces needs", inputs[0]));
 }
 
+// The job of one piece, which does not say yet where it begins and ends.
+BatchJob piece_of(const BatchJob& job, int number) {
+  BatchJob piece = job;
+  piece.pieces = 1;
+  piece.whole = job.name;
+  piece.name = fmt::format("{}.piece-{}", job.name, number);
+  return piece;
+}
+
+void add_cut(std::vector<BatchJob> pieces, const BatchJob& job, const BatchFolder& folder, BatchPlan* plan) {
+  BatchJob join{job.line, job.name, {"join"}};
+  for (BatchJob& piece : pieces) {
+    join.arguments.push_back(folder.result(piece).string());
+    plan->jobs.push_back(std::move(piece));
+  }
+  plan->joins.push_back(std::move(join));
+}
+
 Result<void> cut(const BatchJob& job, const TimeRange& span, const BatchFolder& folder, BatchPlan* plan) {
   const double length = (span.to - span.from) / job.pieces;
   if (!(length > job.overlap)) {
@@ -56,23 +77,51 @@ Result<void> cut(const BatchJob& job, const TimeRange& span, const BatchFolder& 
         fmt::format("--pieces = {}: pieces of {:.3g} s are not longer than their --overlap, {:g} s",
                     job.pieces, length, job.overlap));
   }
-  BatchJob join{job.line, job.name, {"join"}};
+  std::vector<BatchJob> pieces;
   for (int p = 0; p < job.pieces; ++p) {
-    BatchJob& piece = plan->jobs.emplace_back(job);
-    piece.pieces = 1;
-    piece.whole = job.name;
-    piece.name = fmt::format("{}.piece-{}", job.name, p + 1);
+    BatchJob& piece = pieces.emplace_back(piece_of(job, p + 1));
     const auto add = [&](const char* flag, double time) {
       piece.arguments.insert(piece.arguments.end(), {flag, fmt::format("{:.6f}", time)});
     };
     if (p > 0) add("--from", span.from + p * length - job.overlap / 2);
     if (p + 1 < job.pieces) add("--to", span.from + (p + 1) * length + job.overlap / 2);
-    const std::filesystem::path result = folder.result(piece);
-    piece.arguments.insert(piece.arguments.end(), {"--save-map", (result / "map.raysfm").string()});
-    join.arguments.push_back(result.string());
+    piece.arguments.insert(piece.arguments.end(),
+                           {"--save-map", (folder.result(piece) / "map.raysfm").string()});
   }
-  plan->joins.push_back(std::move(join));
+  add_cut(std::move(pieces), job, folder, plan);
   return {};
+}
+
+// The time behind a flag, which the arguments of a piece have once at most.
+std::optional<double> time_of(const BatchJob& piece, std::string_view flag) {
+  const auto found = std::ranges::find(piece.arguments, flag);
+  if (found == piece.arguments.end() || found + 1 == piece.arguments.end()) return std::nullopt;
+  return parse_number(*(found + 1));
+}
+
+bool starts_with(const std::vector<std::string>& words, const std::vector<std::string>& first) {
+  return std::ranges::mismatch(first, words).in1 == first.end();
+}
+
+// As an earlier run cut the same line; false where not all of its pieces have been run.
+bool cut_as_before(const BatchJob& job, const BatchFolder& folder, BatchPlan* plan) {
+  std::vector<BatchJob> pieces;
+  for (int p = 0; p < job.pieces; ++p) {
+    const bool is_first = p == 0, is_last = p + 1 == job.pieces;
+    BatchJob piece = piece_of(job, p + 1);
+    std::optional<BatchRecord> record = read_record(folder, piece);
+    if (!record || !starts_with(record->arguments, job.arguments)) return false;
+    piece.arguments = std::move(record->arguments);
+    const size_t added = 2 + (is_first ? 0 : 2) + (is_last ? 0 : 2);  // flags and their values
+    const std::optional<double> from = time_of(piece, "--from"), to = time_of(piece, "--to");
+    if (piece.arguments.size() != job.arguments.size() + added) return false;
+    if (from.has_value() == is_first || to.has_value() == is_last) return false;
+    constexpr double kRounding = 2e-6;
+    if (from && std::abs(*time_of(pieces.back(), "--to") - *from - job.overlap) > kRounding) return false;
+    pieces.push_back(std::move(piece));
+  }
+  add_cut(std::move(pieces), job, folder, plan);
+  return true;
 }
 
 }  // namespace
@@ -97,8 +146,9 @@ Result<BatchPlan> plan_batch(const std::vector<BatchJob>& lines, const std::file
     };
     if (auto r = check_can_be_cut(job); !r) return refused(r.error());
     const Result<TimeRange> span = span_of(job, inputs);
-    if (!span) return refused(span.error());
-    if (auto r = cut(job, *span, folder, &plan); !r) return refused(r.error());
+    if (!span && cut_as_before(job, folder, &plan)) continue;
+    const Result<void> made = span ? cut(job, *span, folder, &plan) : span.error();
+    if (!made) plan.jobs.emplace_back(job).fault = made.error().message;
   }
   std::set<std::string> names;
   for (const BatchJob& job : plan.all()) {

@@ -85,6 +85,7 @@ BatchTable batch_table(const std::vector<BatchJob>& jobs, const BatchFolder& fol
     std::optional<BatchRecord> record = read_record(folder, job);
     const bool current = record && record->arguments == job.arguments;
     if (!current) record = BatchRecord{{}, "", kBadInput, "not run yet", 0};
+    if (!job.fault.empty()) record = BatchRecord{{}, "", kBadInput, job.fault, 0};
     const bool done = is_finished(record, folder, job);
     const Counts counts = done ? counts_of(folder.result(job)) : Counts{};
     table.csv += fmt::format("{},{},{},{},{:.3f},{},{}\n", csv_field(job.name), counts.frames, counts.posed,

@@ -12,12 +12,12 @@
 namespace raysfm::app {
 namespace {
 
-struct Arguments {
+struct ExportArguments {
   ExportSettings settings;
   std::string result, out;
 };
 
-Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+Result<int> run_export(const ExportArguments& arguments, const CommonOptions& common) {
   if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
   ExportSettings settings = arguments.settings;
   settings.result = arguments.result;
@@ -42,7 +42,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
 }  // namespace
 
 Command add_export(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ExportArguments>();
   ExportSettings& settings = arguments->settings;
   CLI::App* command = program.add_subcommand("export", "a finished result in another tool's format");
   command->add_option("DIR", arguments->result, "output folder of track, solve or adjust")->required();
@@ -67,7 +67,7 @@ Command add_export(CLI::App& program, const CommonOptions& common) {
   command->add_flag("--all-frames", settings.all_frames, "every frame with a pose, not key frames alone");
   command->add_option("--camera", settings.camera, "camera file, for results that do not tell their cameras")
       ->type_name("FILE");
-  return [arguments, &common] { return run(*arguments, common); };
+  return [arguments, &common] { return run_export(*arguments, common); };
 }
 
 }  // namespace raysfm::app

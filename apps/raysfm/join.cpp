@@ -73,7 +73,7 @@ Report report_of(const JoinedPieces& joined, const JoinArguments& arguments, uin
   return report;
 }
 
-std::string fate_text(const MergedWorld& world) {
+std::string joined_text(const MergedWorld& world) {
   if (world.points == 0) return fmt::format("piece {}, world {}: on its own\n", world.map + 1, world.world);
   return fmt::format("piece {}, world {}: joined, {} of its points are seen again\n", world.map + 1,
                      world.world, world.points);
@@ -106,7 +106,7 @@ Result<int> run_join(const JoinArguments& arguments, const CommonOptions& common
   if (!written) return written.error();
   if (common.quiet) return 0;
   std::string text;
-  for (const MergedWorld& world : joined->worlds) text += fate_text(world);
+  for (const MergedWorld& world : joined->worlds) text += joined_text(world);
   return printed(text + fmt::format("{}; written to {}\n", counts_text(r), arguments.out));
 }
 

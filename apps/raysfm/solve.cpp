@@ -15,7 +15,7 @@
 namespace raysfm::app {
 namespace {
 
-struct Arguments {
+struct SolveArguments {
   SolveSettings settings;
   std::string out;
   ViewFlag view;
@@ -26,7 +26,7 @@ std::string stage_text(const char* stage, int done, int total) {
 }
 
 // A line that rewrites itself on a terminal, now and then a plain line elsewhere.
-class ProgressPrinter : public ProgressLine {
+class SolvePrinter : public ProgressLine {
  public:
   using ProgressLine::ProgressLine;
 
@@ -53,7 +53,7 @@ void print_lens(const FrameLens& lens) {
   std::printf("radial distortion k1 %.4f, standard deviation %.2g\n", radial.k1, lens.radial_sigma.k1);
 }
 
-void print_summary(const SolveResult& result, const std::string& out) {
+void print_solve_summary(const SolveResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
   const LensReport& lens = *result.report.lens;
   std::printf("%d of %zu frames posed, %zu points, rms %.2f px\n", posed_count(r), r.frames.size(),
@@ -64,10 +64,10 @@ void print_summary(const SolveResult& result, const std::string& out) {
               out.c_str());
 }
 
-Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+Result<int> run_solve(const SolveArguments& arguments, const CommonOptions& common) {
   const SolveSettings& settings = arguments.settings;
   const StopSignals stop;
-  ProgressPrinter printer(common.quiet);
+  SolvePrinter printer(common.quiet);
   Result<std::unique_ptr<LiveView>> view = arguments.view.start({settings.input});
   if (!view) return view.error();
   if (*view) printer.line("to be watched at " + (*view)->url());
@@ -90,7 +90,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
   }
   if (!result) return result.error();
   if (auto r = write_solve_output(*result, settings, RAYSFM_VERSION, arguments.out); !r) return r.error();
-  if (!common.quiet) print_summary(*result, arguments.out);
+  if (!common.quiet) print_solve_summary(*result, arguments.out);
   if (*view) (*view)->finish(result->reconstruction, result->report);
   return result->report.interrupted ? stop.exit_code() : 0;
 }
@@ -98,7 +98,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
 }  // namespace
 
 Command add_solve(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<SolveArguments>();
   CLI::App* command =
       program.add_subcommand("solve", "unknown or zooming lens: poses, map and lenses from images alone");
   command
@@ -112,7 +112,7 @@ Command add_solve(CLI::App& program, const CommonOptions& common) {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,
                                                         program, common, &arguments->settings.input);
     if (!config) return config.error();
-    Result<int> code = run(*arguments, common);
+    Result<int> code = run_solve(*arguments, common);
     if (!code) return where_it_was_set(code.error(), *config);
     return code;
   };

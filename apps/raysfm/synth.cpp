@@ -25,13 +25,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-volatile std::sig_atomic_t received_signal = 0;
+volatile std::sig_atomic_t synth_signal = 0;
 
-void on_signal(int signal) {
-  received_signal = signal;
+void on_synth_signal(int signal) {
+  synth_signal = signal;
 }
 
-struct Arguments {
+struct SynthArguments {
   synth::SequenceOptions sequence;
   int threads = 0;
   double readout = 0;  // milliseconds
@@ -39,7 +39,7 @@ struct Arguments {
   bool list = false;
 };
 
-std::vector<SettingField> setting_fields(Arguments& a) {
+std::vector<SettingField> setting_fields(SynthArguments& a) {
   synth::SequenceOptions& o = a.sequence;
   return {
       {"world", "what to film", &o.world, {}},
@@ -104,7 +104,7 @@ Result<int> render_all(synth::Sequence& sequence, const SynthOutput& output, boo
   const size_t most = 2 * (static_cast<size_t>(pool.workers()) + 1);
   Result<void> failure;
   int frame = 0;
-  for (; frame < sequence.frames() && !received_signal && failure; ++frame) {
+  for (; frame < sequence.frames() && !synth_signal && failure; ++frame) {
     for (const SynthStream& stream : output.streams()) {
       auto image = std::make_shared<Image<uint8_t>>(output.render(sequence, frame, stream));
       const fs::path path = stream.folder / fmt::format("{:06d}.png", frame);
@@ -122,7 +122,7 @@ Result<int> render_all(synth::Sequence& sequence, const SynthOutput& output, boo
 }
 
 // A configuration file names its camera file relative to itself.
-void find_camera(Arguments& arguments, bool on_command_line, const std::string& config) {
+void find_camera(SynthArguments& arguments, bool on_command_line, const std::string& config) {
   const fs::path camera = arguments.camera, beside = fs::path(config).parent_path() / camera;
   std::error_code missing;
   if (!on_command_line && camera.is_relative() && fs::is_regular_file(beside, missing)) {
@@ -130,25 +130,25 @@ void find_camera(Arguments& arguments, bool on_command_line, const std::string& 
   }
 }
 
-Result<Rig> read_rig(const std::string& camera) {
+Result<Rig> read_synth_rig(const std::string& camera) {
   if (camera.empty()) return Rig{{synth::default_camera()}};
   return read_camera_file(camera);
 }
 
-Result<int> run(Arguments& arguments, const CommonOptions& common) {
+Result<int> run_synth(SynthArguments& arguments, const CommonOptions& common) {
   if (arguments.list) {
     print_list();
     return 0;
   }
   if (arguments.sequence.world.empty()) return bad_input("WORLD is missing; --list names them");
   if (arguments.out.empty()) return bad_input("--out is missing; it names the folder to write to");
-  Result<Rig> rig = read_rig(arguments.camera);
+  Result<Rig> rig = read_synth_rig(arguments.camera);
   if (!rig) return rig.error();
   const unsigned threads = arguments.threads > 0 ? static_cast<unsigned>(arguments.threads)
                                                  : std::max(1u, std::thread::hardware_concurrency());
   ThreadPool pool(static_cast<int>(threads) - 1);
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
+  std::signal(SIGINT, on_synth_signal);
+  std::signal(SIGTERM, on_synth_signal);
 
   arguments.sequence.render.readout = arguments.readout / 1000;
   auto sequence = synth::Sequence::create(arguments.sequence, *rig, pool);
@@ -167,13 +167,13 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
     const double seconds = milliseconds_since(start) / 1e3;
     std::printf("%d frames in %.1f s; written to %s\n", *frames, seconds, arguments.out.c_str());
   }
-  return received_signal ? 128 + received_signal : 0;
+  return synth_signal ? 128 + synth_signal : 0;
 }
 
 }  // namespace
 
 Command add_synth(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<SynthArguments>();
   CLI::App* command = program.add_subcommand("synth", "render a sequence with exact truth");
   std::vector<SettingField> flags = setting_fields(*arguments);
   command->add_option("--world,WORLD", arguments->sequence.world, flags.front().help + "; --list names them");
@@ -186,7 +186,7 @@ Command add_synth(CLI::App& program, const CommonOptions& common) {
         settle_settings(setting_fields(*arguments), *command, program, common);
     if (!config) return config.error();
     find_camera(*arguments, command->count("--camera") > 0, common.config);
-    Result<int> code = run(*arguments, common);
+    Result<int> code = run_synth(*arguments, common);
     if (!code) return where_it_was_set(code.error(), *config);
     return code;
   };

@@ -17,7 +17,7 @@
 namespace raysfm::app {
 namespace {
 
-struct Arguments {
+struct TrackArguments {
   TrackSettings settings;
   std::string out;
   bool resume = false;
@@ -32,7 +32,7 @@ std::string checkpoint_of(const std::string& out) {
 }
 
 // A line that rewrites itself on a terminal, now and then a plain line elsewhere.
-class ProgressPrinter : public ProgressLine {
+class TrackPrinter : public ProgressLine {
  public:
   using ProgressLine::ProgressLine;
 
@@ -43,7 +43,7 @@ class ProgressPrinter : public ProgressLine {
   }
 };
 
-void print_summary(const TrackResult& result, const std::string& out) {
+void print_track_summary(const TrackResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
   std::printf("%s\n", counts_text(r).c_str());
   if (r.segments.size() > 1) {
@@ -66,28 +66,28 @@ Result<int> outcome(const TrackResult& result, bool written, const std::string& 
   return why_no_pose(result, written, out);
 }
 
-void print_progress(const TrackProgress& p, LiveView* view, ProgressPrinter* printer) {
+void print_track_progress(const TrackProgress& p, LiveView* view, TrackPrinter* printer) {
   printer->show(p);
   if (view)
     view->say(fmt::format("frame {}{}, {} posed", p.frames,
                           p.total >= 0 ? fmt::format(" of {}", p.total) : "", p.posed));
 }
 
-Result<int> run(Arguments& arguments, const CommonOptions& common) {
+Result<int> run_track(TrackArguments& arguments, const CommonOptions& common) {
   TrackSettings& settings = arguments.settings;
   if (arguments.resume) {
     settings.checkpoint = checkpoint_of(arguments.out);
     settings.program_version = RAYSFM_VERSION;
   }
   const StopSignals stop;
-  ProgressPrinter printer(common.quiet);
+  TrackPrinter printer(common.quiet);
   Result<std::unique_ptr<LiveView>> view = arguments.view.start(settings.inputs);
   if (!view) return view.error();
   if (*view) printer.line("to be watched at " + (*view)->url());
   TrackCallbacks callbacks;
   callbacks.stop = stop.requested();
   callbacks.ready = [&] { return prepare_track_output(settings, arguments.out); };
-  callbacks.progress = [&](const TrackProgress& p) { print_progress(p, view->get(), &printer); };
+  callbacks.progress = [&](const TrackProgress& p) { print_track_progress(p, view->get(), &printer); };
   callbacks.event = [&](const Event& e) { printer.event(e); };
   const Result<TrackResult> result = track(settings, callbacks, view->get());
   printer.finish();
@@ -98,7 +98,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
   if (arguments.resume && !result->report.interrupted) {
     std::filesystem::remove(settings.checkpoint, failure);
   }
-  if (!common.quiet && *written) print_summary(*result, arguments.out);
+  if (!common.quiet && *written) print_track_summary(*result, arguments.out);
   if (*view) (*view)->finish(result->reconstruction, result->report);
   return outcome(*result, *written, arguments.out, stop);
 }
@@ -106,7 +106,7 @@ Result<int> run(Arguments& arguments, const CommonOptions& common) {
 }  // namespace
 
 Command add_track(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<TrackArguments>();
   CLI::App* command = program.add_subcommand("track", "calibrated camera, video to trajectory and map");
   command
       ->add_option("INPUT", arguments->settings.inputs,
@@ -122,7 +122,7 @@ Command add_track(CLI::App& program, const CommonOptions& common) {
     const Result<ConfigRecord> config = settle_settings(setting_fields(arguments->settings), *command,
                                                         program, common, &arguments->settings.inputs);
     if (!config) return config.error();
-    Result<int> code = run(*arguments, common);
+    Result<int> code = run_track(*arguments, common);
     if (!code) return where_it_was_set(code.error(), *config);
     return code;
   };

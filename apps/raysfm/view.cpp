@@ -22,14 +22,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct ViewArguments {
   std::string result, html, port, mesh;
   std::vector<std::string> images;
 };
 
 // The surface that was asked for, or else lies beside the result; an older or damaged one that nobody asked
 // for is nothing but a note.
-Result<std::optional<PageMesh>> mesh_of(const Arguments& arguments, const CommonOptions& common) {
+Result<std::optional<PageMesh>> mesh_of(const ViewArguments& arguments, const CommonOptions& common) {
   const fs::path folder =
       arguments.mesh.empty() ? mesh_folder_of(arguments.result) : fs::path(arguments.mesh);
   if (folder.empty()) return std::optional<PageMesh>();
@@ -41,7 +41,7 @@ Result<std::optional<PageMesh>> mesh_of(const Arguments& arguments, const Common
   return std::optional<PageMesh>();
 }
 
-Result<int> write_html(const Arguments& arguments, const CommonOptions& common) {
+Result<int> write_html(const ViewArguments& arguments, const CommonOptions& common) {
   const std::string inputs[] = {arguments.result + "/report.json", arguments.result + "/points.ply",
                                 arguments.result + "/trajectory.txt"};
   if (auto r = check_not_input("--html", arguments.html, inputs); !r) return r.error();
@@ -82,7 +82,7 @@ struct ServedResult {
   }
 };
 
-Result<int> serve(const Arguments& arguments, const CommonOptions& common) {
+Result<int> serve(const ViewArguments& arguments, const CommonOptions& common) {
   const Result<ServerAddress> address =
       arguments.port.empty() ? ServerAddress() : parse_server_address("--port", arguments.port);
   if (!address) return address.error();
@@ -111,7 +111,7 @@ Result<int> serve(const Arguments& arguments, const CommonOptions& common) {
   return 0;
 }
 
-Result<int> run(const Arguments& arguments, const CommonOptions& common) {
+Result<int> run_view(const ViewArguments& arguments, const CommonOptions& common) {
   if (!common.config.empty()) return bad_input("--config is not allowed here, flags are");
   return arguments.html.empty() ? serve(arguments, common) : write_html(arguments, common);
 }
@@ -119,7 +119,7 @@ Result<int> run(const Arguments& arguments, const CommonOptions& common) {
 }  // namespace
 
 Command add_view(CLI::App& program, const CommonOptions& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ViewArguments>();
   CLI::App* command = program.add_subcommand("view", "a finished result as a page for the browser");
   command->add_option("DIR", arguments->result, "output folder of track, solve or adjust")->required();
   CLI::Option* port = command
@@ -137,7 +137,7 @@ Command add_view(CLI::App& program, const CommonOptions& common) {
   command->add_option("--html", arguments->html, "file to write instead, which needs no network")
       ->excludes(port)
       ->type_name("FILE");
-  return [arguments, &common] { return run(*arguments, common); };
+  return [arguments, &common] { return run_view(*arguments, common); };
 }
 
 }  // namespace raysfm::app
