@@ -36,9 +36,11 @@ class Experiment:
 
 
 class Printed(str):
-    """What a command printed, its last line of errors, and how long it took."""
-    error = ""
-    seconds = 0.0
+    """What a command printed, its errors and the last line of them, its exit code, how long it took, and
+    how long of the processor."""
+    error = errors = ""
+    code = 0
+    seconds = processor_seconds = 0.0
 
 
 class Failed(Exception):
@@ -175,11 +177,12 @@ class Kept:
     def _execute(self, command, experiment, folder):
         known = {name: str(path) for name, path in self._paths.items()} | {"out": folder}
         words = [word.format_map(known) for word in command]
-        begin = time.monotonic()
+        begin, used = time.monotonic(), processor_seconds()
         done = subprocess.run(words, capture_output=True, text=True, cwd=folder)
         if done.returncode != 0 and not experiment.may_fail:
             raise Failed(f"{experiment.name}: {command[0]} ended with {done.returncode}: {done.stderr.strip()[-300:]}")
         printed = Printed(done.stdout)
+        printed.errors, printed.code = done.stderr, done.returncode
         printed.error = (done.stderr.strip().splitlines() or [""])[-1]
-        printed.seconds = time.monotonic() - begin
+        printed.seconds, printed.processor_seconds = time.monotonic() - begin, processor_seconds() - used
         return printed

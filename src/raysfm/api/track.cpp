@@ -337,14 +337,30 @@ Result<bool> push_all(ViewStream& stream, const TrackCallbacks& callbacks, int t
     }
 }
 
-void tell_zoom(const Tracker& tracker, const EventSink& event) {
-  const std::optional<SeenZoom> change = tracker.lens_change();
-  if (!change) return;
-  tell(event, Event::Level::kWarning,
-       fmt::format(
-           "the camera zooms: its focal length is {:.0f} px before frame {} and {:.0f} px from there on; "
-           "poses are of one lens, raysfm solve finds a lens for each image",
-           change->before, change->frame, change->after));
+std::string zoom_warning(const SeenZoom& change) {
+  return fmt::format(
+      "the camera zooms: its focal length is {:.0f} px before frame {} and {:.0f} px from there on; "
+      "poses are of one lens, raysfm solve finds a lens for each image",
+      change.before, change.frame, change.after);
+}
+
+// Of the stretch where it is most.
+std::string motion_warning(const std::vector<OtherMotion>& seen) {
+  const OtherMotion& most = *std::ranges::max_element(seen, {}, &OtherMotion::part);
+  const std::string more = seen.size() > 1 ? fmt::format(", and in {} more stretches", seen.size() - 1) : "";
+  return fmt::format(
+      "{:.0f} % of what frames {} to {} show does not stand still in the world that was tracked{}: the path "
+      "may be that of something that moves",
+      100 * most.part, most.first, most.last, more);
+}
+
+// What the run as a whole says against its result, before it is finished.
+std::vector<std::string> tell_warnings(const Tracker& tracker, const EventSink& event) {
+  std::vector<std::string> warnings;
+  if (const auto change = tracker.lens_change()) warnings.push_back(zoom_warning(*change));
+  if (const auto seen = tracker.other_motion(); !seen.empty()) warnings.push_back(motion_warning(seen));
+  for (const std::string& warning : warnings) tell(event, Event::Level::kWarning, warning);
+  return warnings;
 }
 
 // What there is to say of an input that was read to its end.
@@ -433,13 +449,14 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   }
   if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
 
-  tell_zoom(tracker, callbacks.event);
+  std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
   if (*stopped) explain_interruption(&out.reconstruction);
   out.report = make_report(settings, tracker, *sources, stream.finish());
+  out.report.warnings = std::move(warnings);
   out.report.interrupted = *stopped;
   out.report.frames_in_input = source.frame_count();
   out.report.wall_s = milliseconds_since(start) / 1000.0;

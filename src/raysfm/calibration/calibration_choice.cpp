@@ -55,6 +55,7 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
   std::iota(open.begin(), open.end(), 0);
   CalibrationChoice choice{Eigen::VectorXd::Zero(m), prior_sigma, Eigen::VectorXd::Zero(m),
                            std::vector<uint8_t>(m, 0)};
+  if (evidence.observations == 0) open.clear();  // what comes takes the fourth power of their number
   Posterior posterior;
   Eigen::Index least;
   while (!open.empty()) {

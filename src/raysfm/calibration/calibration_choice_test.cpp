@@ -50,6 +50,21 @@ TEST_F(ChoiceTest, TakesWhatIsToldAndOff) {
   EXPECT_TRUE(is_worth_it(choice()));
 }
 
+// At once, for a rig of many cameras too.
+TEST_F(ChoiceTest, NothingObservedTellsNothing) {
+  Rig many = pinhole_rig();
+  many.cameras.resize(64, many.cameras[0]);
+  const RigParameters unknowns(many);
+  const CalibrationEvidence none = CalibrationEvidence::nothing(Eigen::VectorXd::Zero(unknowns.size()));
+  const CalibrationChoice found = choose_calibration(unknowns, none);
+  EXPECT_TRUE(found.values.isZero(0));
+  EXPECT_EQ(found.effect, 0);
+  for (int i = 0; i < unknowns.size(); ++i) {
+    EXPECT_FALSE(found.is_told[i]);
+    EXPECT_EQ(found.sigma[i], unknowns[i].prior_sigma);
+  }
+}
+
 TEST_F(ChoiceTest, KeepsWhatIsOffByNoMoreThanItsErrors) {
   sigma[kK1] = 0.001;
   truth[kK1] = 3.5 * std::sqrt(2) * 0.001;

@@ -206,6 +206,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   last_seen_.reset();
   turner_.end();
   segment().calibration = calibration_;
+  motion_watch_.restart();
   observer_->world_started({world(), start.summary});
   map_covariance_.follow(rig_, segment().map, world());
   pose_start_frames(start, views);
@@ -523,7 +524,11 @@ void Odometry::rescale_frames(int segment, double factor) {
 void Odometry::forget_old_views() {
   std::vector<KeyFrameView>& views = segment().views;
   const int newest = static_cast<int>(views.size()) - 1;
-  drop_dead_features(newest - kFollowedFor, false);
+  const int looked_for = newest - kFollowedFor;
+  if (const auto part = looked_for < 0 ? std::nullopt : unexplained_part(segment().map, looked_for, rig_)) {
+    motion_watch_.add(segment().map.keyframes[looked_for].frame, *part);
+  }
+  drop_dead_features(looked_for, false);
   const int forgotten = newest - kKeptViews;
   if (forgotten < 0) return;
   views[forgotten] = KeyFrameView{};

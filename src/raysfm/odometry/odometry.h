@@ -16,6 +16,7 @@
 #include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/uncertainty/map_covariance.h"
+#include "raysfm/views/other_motion.h"
 #include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
@@ -93,6 +94,9 @@ class Odometry {
 
   // Whether the camera zoomed, as far as what was measured of the calibration tells; before finish().
   std::optional<SeenZoom> lens_change() const;
+
+  // Frames of which a large part does not stand still in their world.
+  std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
   int frames() const { return static_cast<int>(frames_.size()); }
@@ -243,6 +247,7 @@ class Odometry {
   std::vector<Closure> closures_;
   CalibrationRefiner refiner_;
   MapCovariance map_covariance_;
+  MotionWatch motion_watch_;
   std::optional<Starter> starter_;
   TurnTracker turner_;  // while track is lost
   std::deque<SegmentState> segments_;

@@ -17,6 +17,7 @@
 namespace raysfm {
 namespace {
 
+using testing_support::as_view;
 using testing_support::black_view;
 using testing_support::small_camera;
 using testing_support::synth_views;
@@ -516,6 +517,37 @@ TEST(Odometry, CovariancesHoldTheErrorsOfShortStretches) {
   EXPECT_GT(error2 / frames, 0.4);
   EXPECT_LT(error2 / frames, 1.6);
   EXPECT_GT(orientations / frames, 0.7);
+}
+
+// A picture behind a wall that covers `part` of its width and has gone by so many pixels, painted with
+// another picture upside down.
+GrayImage behind_wall(const GrayImage& image, const GrayImage& paint, double part, int shift) {
+  GrayImage out(image.width(), image.height());
+  for (int y = 0; y < out.height(); ++y) {
+    for (int x = 0; x < out.width(); ++x) {
+      const bool wall = x >= (1 - part) * image.width();
+      out.row(y)[x] = wall ? paint.row(image.height() - 1 - y)[(x + shift) % image.width()] : image.row(y)[x];
+    }
+  }
+  return out;
+}
+
+// What moves by itself is told, with its part of the image; a world that stands still is not.
+TEST(Odometry, WhatMovesByItselfIsTold) {
+  const SynthViews& views = corridor();
+  const auto seen = [&](double part) {
+    const ViewMaker maker({{0, {}, {.max_features = 1500}}});
+    Odometry odometry(Rig{{small_camera()}}, {}, {}, &maker);
+    for (int i = 0; i < views.size(); ++i) {
+      GrayImage image = behind_wall(views.images[i], views.images[0], part, 3 * i);
+      odometry.process(without_corners(*as_view(std::move(image), i)));
+    }
+    return odometry.other_motion();
+  };
+  EXPECT_TRUE(seen(0).empty());
+  const std::vector<OtherMotion> moving = seen(0.4);
+  ASSERT_FALSE(moving.empty());
+  EXPECT_NEAR(moving[0].part, 0.4, 0.15);
 }
 
 }  // namespace

@@ -12,8 +12,13 @@
 namespace raysfm {
 namespace {
 
+constexpr size_t kMostCameras = 256;  // the map numbers them by bytes
+
 Result<void> check_rig(const Rig& rig, const TrackerOptions& options) {
   if (rig.cameras.empty()) return bad_input("rig: no cameras; at least one is needed");
+  if (rig.cameras.size() > kMostCameras) {
+    return bad_input(fmt::format("rig: {} cameras; {} at most", rig.cameras.size(), kMostCameras));
+  }
   const size_t masks = options.masks.size();
   if (masks != 0 && masks != rig.cameras.size()) {
     return bad_input(

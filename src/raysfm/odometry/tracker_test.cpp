@@ -234,6 +234,8 @@ TEST(Tracker, OptionsAreChecked) {
     return tracker ? std::string() : tracker.error().message;
   };
   EXPECT_NE(message({}, {}).find("no cameras"), std::string::npos);
+  EXPECT_NE(message(Rig{std::vector(257, small_camera())}, {}).find("257 cameras; 256 at most"),
+            std::string::npos);
   TrackerOptions few;
   few.odometry.features = 3;
   EXPECT_NE(message(Rig{{small_camera()}}, std::move(few)).find("features"), std::string::npos);

@@ -72,12 +72,13 @@ struct ModelReport {
 struct Report {
   std::string version;
   uint64_t seed = 0;
-  std::vector<std::string> input;  // as the user gave it
-  std::string camera_class;        // "central", "axial", "non-axial" or "non-central"
-  std::string error;               // "pixel" or "angular"
-  bool interrupted = false;        // the input had more
-  int frames_in_input = -1;        // -1: unknown
-  std::vector<std::string> files;  // of the output folder
+  std::vector<std::string> input;     // as the user gave it
+  std::string camera_class;           // "central", "axial", "non-axial" or "non-central"
+  std::string error;                  // "pixel" or "angular"
+  std::vector<std::string> warnings;  // of `track`: what the run as a whole says against its result
+  bool interrupted = false;           // the input had more
+  int frames_in_input = -1;           // -1: unknown
+  std::vector<std::string> files;     // of the output folder
   std::vector<std::pair<std::string, StageTiming>> stages;  // in order of appearance, e.g. {"detect", ...}
   double wall_s = 0;
   double frames_per_second = 0;
