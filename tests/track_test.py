@@ -83,6 +83,18 @@ class TrackTest(ProgramTest):
 
 
 class Success(TrackTest):
+    def test_a_map_that_never_grew_is_told(self):
+        film = self.folder / "film"
+        (film / "images").mkdir(parents=True)
+        for i in range(23):  # it moves for eight frames, and stands
+            shutil.copy(STREET / "images" / f"{min(i, 7):06}.png", film / "images" / f"{i:06}.png")
+        said = "the map is that of the three views which started it, and none of 23 frames has added to it"
+        for images, told in ((film / "images", True), (STREET / "images", False)):
+            done = run("track", images, "--camera", STREET / "camera.yaml", "--fps", 7.5, "--out", self.out)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            warnings = json.loads((self.out / "report.json").read_text())["warnings"]
+            self.assertEqual((said in done.stderr, any(said in w for w in warnings)), (told, told), done.stderr)
+
     def test_street(self):
         done = self.track(STREET)
         self.assertEqual((done.returncode, done.stdout, done.stderr), (0, "", ""))

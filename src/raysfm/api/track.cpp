@@ -19,6 +19,7 @@
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
 #include "raysfm/odometry/tracker.h"
+#include "raysfm/scene/worlds.h"
 #include "raysfm/streams/view_stream.h"
 
 namespace raysfm {
@@ -354,6 +355,23 @@ std::string motion_warning(const std::vector<OtherMotion>& seen) {
       100 * most.part, most.first, most.last, more);
 }
 
+// Of a main world that is the three views of its start: a map that is wrong seldom grows, and of one that did
+// not nothing says that it is right.
+std::optional<std::string> start_warning(const Reconstruction& r) {
+  constexpr int kMayGrow = 10;  // frames with a pose, from which on another key frame is to be expected
+  const std::vector<int> worlds = worlds_in_order(r);
+  if (worlds.empty()) return std::nullopt;
+  const auto in_main = [&](const PosedFrame& frame) { return frame.segment == worlds[0]; };
+  const auto frames = std::ranges::count_if(r.frames, in_main);
+  const auto keyframes =
+      std::ranges::count_if(r.keyframes, [&](const KeyFrame& k) { return in_main(r.frames[k.frame]); });
+  if (frames < kMayGrow || keyframes != 3) return std::nullopt;
+  return fmt::format(
+      "the map is that of the three views which started it, and none of {} frames has added to it: nothing "
+      "later says that it is right",
+      frames);
+}
+
 // What the run as a whole says against its result, before it is finished.
 std::vector<std::string> tell_warnings(const Tracker& tracker, const EventSink& event) {
   std::vector<std::string> warnings;
@@ -455,6 +473,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
   if (*stopped) explain_interruption(&out.reconstruction);
+  if (const auto warning = start_warning(out.reconstruction)) {
+    tell(callbacks.event, Event::Level::kWarning, *warning);
+    warnings.push_back(*warning);
+  }
   out.report = make_report(settings, tracker, *sources, stream.finish());
   out.report.warnings = std::move(warnings);
   out.report.interrupted = *stopped;
