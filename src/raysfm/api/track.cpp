@@ -381,10 +381,24 @@ std::vector<std::string> tell_warnings(const Tracker& tracker, const EventSink& 
   return warnings;
 }
 
+void tell_untested(const Reconstruction& r, const EventSink& event, std::vector<std::string>* warnings) {
+  const std::optional<std::string> warning = start_warning(r);
+  if (!warning) return;
+  tell(event, Event::Level::kWarning, *warning);
+  warnings->push_back(*warning);
+}
+
 // What there is to say of an input that was read to its end.
 void tell_notes(const Input& input, const ViewStream& stream, const EventSink& event) {
   for (const auto& source : input.streams) tell(event, Event::Level::kWarning, source->note());
   tell(event, Event::Level::kWarning, stream.note());
+}
+
+// Since the start of a run that has gone through so many frames.
+void measure_cost(const Clock::time_point& start, int frames, Report* report) {
+  report->wall_s = milliseconds_since(start) / 1000.0;
+  report->frames_per_second = frames / report->wall_s;
+  report->peak_rss_mib = peak_rss_mib();
 }
 
 // Of a run that was told to stop while it looked for the lens.
@@ -395,8 +409,7 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
   out.report.camera_class = to_string(CameraClass::kCentral);
   out.report.error = "pixel";
   out.report.interrupted = true;
-  out.report.wall_s = milliseconds_since(start) / 1000.0;
-  out.report.peak_rss_mib = peak_rss_mib();
+  measure_cost(start, 0, &out.report);
   return out;
 }
 
@@ -473,17 +486,12 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
   if (*stopped) explain_interruption(&out.reconstruction);
-  if (const auto warning = start_warning(out.reconstruction)) {
-    tell(callbacks.event, Event::Level::kWarning, *warning);
-    warnings.push_back(*warning);
-  }
+  tell_untested(out.reconstruction, callbacks.event, &warnings);
   out.report = make_report(settings, tracker, *sources, stream.finish());
   out.report.warnings = std::move(warnings);
   out.report.interrupted = *stopped;
   out.report.frames_in_input = source.frame_count();
-  out.report.wall_s = milliseconds_since(start) / 1000.0;
-  out.report.frames_per_second = tracker.frames() / out.report.wall_s;
-  out.report.peak_rss_mib = peak_rss_mib();
+  measure_cost(start, tracker.frames(), &out.report);
   return out;
 }
 
