@@ -291,6 +291,13 @@ class Served(ProgramTest):
         self.assertGreater(seen["total"], 100)
         self.assertGreater(seen["part"], 0.01)
         self.assertTrue(any("live" in now for now in seen["now"]), seen["now"])
+        # Its newest frame with what was matched in it; none once the run has ended.
+        frames = [int(found.group(1)) for p in seen["pictures"] if (found := re.match(r"frame (\d+): \d+ points", p["note"]))]
+        self.assertTrue(frames, seen["pictures"])
+        self.assertEqual(frames, sorted(frames))
+        self.assertGreater(max(p["green"] for p in seen["pictures"]), 100)
+        self.assertEqual({tuple(p["size"]) for p in seen["pictures"]}, {(416, 128)})
+        self.assertFalse(seen["pictureLeft"])
 
 
 class WithoutThePage(ProgramTest):

@@ -43,9 +43,21 @@ async function live() {
   }
   watch();
   seen.now = [];
+  seen.pictures = [];
   for (let over = false; !over; await pause(100)) {
     over = await page.evaluate(() => document.getElementById("live").classList.contains("over"));
     seen.now.push(await page.evaluate(() => document.getElementById("now")?.textContent ?? ""));
+    const picture = await page.evaluate(() => {
+      const canvas = document.querySelector("#picture canvas");
+      if (!canvas || canvas.hidden || !canvas.width) return null;
+      const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+      copy.drawImage(canvas, 0, 0);
+      const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+      let green = 0;
+      for (let i = 0; i < data.length; i += 4) green += data[i] < 110 && data[i + 1] > 190 && data[i + 2] < 150;
+      return { size: [canvas.width, canvas.height], green, note: document.getElementById("picture-note").textContent };
+    });
+    if (picture) seen.pictures.push(picture);
   }
   Object.assign(seen, await page.evaluate(() => {
     const { view, data } = window.page, gl = view.renderer.getContext(), pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
@@ -54,7 +66,7 @@ async function live() {
     gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
     let other = 0;
     for (let i = 4; i < pixels.length; i += 4) other += Math.abs(pixels[i] - pixels[0]) > 8;
-    return { over: true, state: document.getElementById("live").textContent, total: data.total, part: (4 * other) / pixels.length };
+    return { over: true, state: document.getElementById("live").textContent, pictureLeft: !document.getElementById("picture").hidden, total: data.total, part: (4 * other) / pixels.length };
   }));
 }
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "live_picture.h"
 #include "raysfm/odometry/tracker.h"
 #include "raysfm/page/page.h"
 #include "raysfm/page/page_data.h"
@@ -20,6 +21,7 @@ using namespace std::chrono_literals;
 constexpr size_t kMostPoses = 20000;
 constexpr size_t kMostPosesAtOnce = 5000;
 constexpr auto kBetweenEvents = 200ms, kLastWait = 3000ms;
+constexpr auto kBetweenPictures = 200ms, kPictureWait = 1000ms;
 constexpr double kLeastBetweenMapsMs = 2000;
 constexpr double kShareOfTime = 100;  // a map is copied and sent for one part in so many
 
@@ -45,8 +47,8 @@ PageAnswers LiveView::answers() {
   return {
       .page = [this] { return page(); },
       .data = [this] { return data(); },
-      .picture = nullptr,
-      .features = nullptr,
+      .picture = [this](int frame, int camera) { return picture(frame, camera); },
+      .features = [this](int frame, int camera) { return features(frame, camera); },
       .next_event = [this](Listener* listener, std::string* event) { return next_event(listener, event); },
       .listeners = [this](int change) { listeners_ += change; }};
 }
@@ -91,9 +93,10 @@ void LiveView::forget_poses() {
 }
 
 void LiveView::frame_done(const Tracker& tracker) {
-  if (listeners_ == 0 || !any_pose_) return;
+  if (listeners_ == 0) return;
+  show_newest(tracker);
   const Clock::time_point now = Clock::now();
-  if (now < next_map_) return;
+  if (!any_pose_ || now < next_map_) return;
   double spent = 0;
   {
     const std::lock_guard lock(mutex_);
@@ -103,10 +106,46 @@ void LiveView::frame_done(const Tracker& tracker) {
   spent += milliseconds_since(now);
   next_map_ = now + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double, std::milli>(
                         std::max(kLeastBetweenMapsMs, kShareOfTime * spent)));
-  PageInfo info = {
-      .title = info_.title, .stages = {}, .pictures = 0, .live = LiveInfo{newest_.frame, newest_.world}};
+  PageInfo info = {.title = info_.title,
+                   .stages = {},
+                   .pictures = tracker.rig().size(),
+                   .live = LiveInfo{newest_.frame, newest_.world}};
   const std::lock_guard lock(mutex_);
   offer(std::move(map), std::move(info));
+}
+
+void LiveView::show_newest(const Tracker& tracker) {
+  const Clock::time_point now = Clock::now();
+  if (!picture_wanted_ || now < next_picture_) return;
+  const auto seen = std::make_shared<const NewestView>(tracker.newest_view());
+  if (!seen->view) return;
+  picture_wanted_ = false;
+  next_picture_ = now + kBetweenPictures;
+  const std::lock_guard lock(mutex_);
+  seen_ = seen;
+  news_.notify_all();
+}
+
+// The newest view that was shown, at that frame or a later one where that comes soon.
+std::shared_ptr<const NewestView> LiveView::seen_from(int frame) {
+  std::unique_lock lock(mutex_);
+  const auto is_there = [&] { return over_ || (seen_ && seen_->view->frame >= frame); };
+  if (!is_there()) {
+    picture_wanted_ = true;
+    news_.wait_for(lock, kPictureWait, is_there);
+  }
+  return seen_;
+}
+
+Result<std::string> LiveView::picture(int frame, int camera) {
+  const std::shared_ptr<const NewestView> seen = seen_from(frame);
+  return seen ? picture_of(*seen->view, camera) : bad_input("no picture yet");
+}
+
+std::string LiveView::features(int frame, int camera) {
+  const std::shared_ptr<const NewestView> seen = seen_from(frame);
+  const bool is_known = seen && camera >= 0 && camera < static_cast<int>(seen->view->cameras.size());
+  return is_known ? features_of(*seen, camera) : "{}";
 }
 
 void LiveView::offer(Map map, PageInfo info) {

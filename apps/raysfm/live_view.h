@@ -15,11 +15,16 @@
 #include "raysfm/page/page_info.h"
 #include "raysfm/scene/reconstruction.h"
 
+namespace raysfm {
+struct NewestView;
+}
+
 namespace raysfm::app {
 
 // A run under way as browsers see it. The run leaves its newest state here and goes on: poses one by one, and
 // now and then a copy of the map, for no more than a hundredth of the time and only while somebody looks.
-// Whoever is slow misses what is older; memory does not grow with them.
+// Pictures of the newest frame are made on the server's threads, from images that the run has anyway. Whoever
+// is slow misses what is older; memory does not grow with them.
 class LiveView : public TrackWatcher {
  public:
   // Serves from now on. Errors: bad input, where the address is not to be had or this build has no page.
@@ -54,12 +59,18 @@ class LiveView : public TrackWatcher {
   void count_fetched(bool result);
   bool next_event(Listener* listener, std::string* event);
   void forget_poses();
+  void show_newest(const Tracker& tracker);
+  std::shared_ptr<const NewestView> seen_from(int frame);
+  Result<std::string> picture(int frame, int camera);
+  std::string features(int frame, int camera);
   void offer(Map map, PageInfo info);
 
   std::atomic<int> listeners_ = 0;
-  Clock::time_point next_map_ = Clock::now();  // not before; of the run's thread alone
-  Pose newest_;                                // likewise
-  bool any_pose_ = false;                      // likewise
+  std::atomic<bool> picture_wanted_ = false;
+  Clock::time_point next_map_ = Clock::now();      // not before; of the run's thread alone
+  Clock::time_point next_picture_ = Clock::now();  // likewise
+  Pose newest_;                                    // likewise
+  bool any_pose_ = false;                          // likewise
 
   std::mutex mutex_;  // of all below
   std::condition_variable news_;
@@ -71,7 +82,8 @@ class LiveView : public TrackWatcher {
   int revision_ = 0;    // of the map
   double data_ms_ = 0;  // that it took last to put the map into words
   bool over_ = false;
-  int fetched_ = 0;  // times that the result was
+  int fetched_ = 0;                         // times that the result was
+  std::shared_ptr<const NewestView> seen_;  // with a view; null: nobody asked yet
 
   std::unique_ptr<PageServer> server_;  // the first to go
 };

@@ -66,7 +66,15 @@ function togglePictures() {
   if (!pictures) return;
   pictures.shown = !pictures.shown;
   view.inset = pictures.shown ? 0.3 : 0;
-  pictures.want(state.frame);
+  if (state.newest) showNewest();
+  else seek(state.frame);
+}
+
+// Of a run that has ended.
+function endPictures() {
+  pictures?.end();
+  pictures = undefined;
+  if (view) view.inset = 0;
 }
 
 // A list whose entries go to a frame.
@@ -154,7 +162,8 @@ function seek(frame) {
   const w = world(), i = w.at[state.frame];
   view.seek(i);
   plots.seek(state.frame);
-  pictures?.want(state.frame);
+  if (state.live) pictures?.say("pictures of a run are of its newest frame");
+  else pictures?.want(state.frame);
   $("slider").value = state.frame;
   const parts = [`frame ${state.frame}`];
   if (i >= 0) {
@@ -264,6 +273,7 @@ function showNewest() {
   view.seekTail();
   const newest = view.tail.length ? view.tail[view.tail.length - 1][0] : data.last;
   state.frame = data.total - 1;
+  pictures?.want(newest);
   $("slider").value = state.frame;
   plots.seek(state.frame);
   $("now").textContent = state.live ? `frame ${newest} · live` : `frame ${newest}`;
@@ -289,6 +299,7 @@ function listen() {
       label.classList.toggle("over", over);
       if (!over) return;
       state.live = state.newest = false;
+      endPictures();
       if (view) seek(data.total - 1);
     },
   });

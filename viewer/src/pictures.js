@@ -3,6 +3,7 @@ export class Pictures {
   constructor(element, data) {
     this.element = element;
     this.canvas = document.createElement("canvas");
+    this.canvas.hidden = true;
     this.note = document.createElement("output");
     this.note.id = "picture-note";
     element.append(this.canvas, this.note);
@@ -32,6 +33,12 @@ export class Pictures {
     this.busy = false;
   }
 
+  // There are none any more.
+  end() {
+    this.shown = false;
+    this.element.hidden = true;
+  }
+
   key() {
     return `${this.frame} ${this.camera}`;
   }
@@ -51,7 +58,7 @@ export class Pictures {
   }
 
   // A line from where a point was in the frames before to where it is; discs where it was matched, rings where it is only expected.
-  draw(bitmap, { size, tracks, seen }) {
+  draw(bitmap, { size = [0, 0], tracks = [], seen = 0, note }) {
     const { canvas } = this, context = canvas.getContext("2d");
     canvas.hidden = false;
     [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
@@ -73,6 +80,6 @@ export class Pictures {
     });
     this.tracks = tracks.length;
     const words = seen > 0 ? `${seen} points matched in this key frame` : `${tracks.length} points of the map in sight`;
-    this.note.textContent = tracks.length ? words : "";
+    this.note.textContent = note ?? (tracks.length ? words : "");
   }
 }

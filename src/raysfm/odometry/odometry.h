@@ -48,6 +48,17 @@ struct SeenZoom {
   double before = 0, after = 0;
 };
 
+// The newest view and where it shows points of the map, for whoever looks on.
+struct NewestView {
+  struct Match {
+    int camera = 0;
+    Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
+    std::vector<Eigen::Vector2f> before;  // where the newest key frames saw the point, newest first
+  };
+  ViewPtr view;                // null: there is none yet
+  std::vector<Match> matches;  // none while nothing is tracked
+};
+
 // Trajectory and map of a calibrated rig from its views in time order (LBA09 2.7):
 //   1. three views start a map;
 //   2. each further view is matched with the map and posed;
@@ -97,6 +108,7 @@ class Odometry {
 
   // Frames of which a large part does not stand still in their world.
   std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }
+  NewestView newest_view() const;
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
   int frames() const { return static_cast<int>(frames_.size()); }

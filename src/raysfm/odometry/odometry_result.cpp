@@ -1,6 +1,7 @@
 // What Odometry knows, as a Reconstruction.
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 #include <utility>
 
 #include "raysfm/odometry/odometry.h"
@@ -15,6 +16,25 @@ Reconstruction Odometry::snapshot() const {
     if (!frame.world_from_rig && frame.reason.empty()) frame.reason = waiting_reason();
   }
   return out;
+}
+
+NewestView Odometry::newest_view() const {
+  constexpr size_t kShown = 3;
+  if (!previous_) {
+    const bool waits = starter_ && !starter_->views().empty();
+    return {waits ? starter_->views().back().view : nullptr, {}};
+  }
+  NewestView newest{previous_->view, {}};
+  const Map& map = segment().map;
+  for (const PointMatch& m : previous_->pose.matches) {
+    NewestView::Match& match = newest.matches.emplace_back(NewestView::Match{m.camera, m.pixel, {}});
+    for (const TrackObservation& o : std::views::reverse(map.tracks[m.track].observations)) {
+      const MapKeyFrame& k = map.keyframes[o.keyframe];
+      if (match.before.size() == kShown) break;
+      if (k.cameras[o.feature] == m.camera) match.before.push_back(k.pixels[o.feature]);
+    }
+  }
+  return newest;
 }
 
 // From the map of each segment.

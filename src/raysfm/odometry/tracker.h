@@ -85,6 +85,7 @@ class Tracker {
   // all, and `solve` does better. None where nothing is refined. Before finish().
   std::optional<SeenZoom> lens_change() const { return odometry_.lens_change(); }
   std::vector<OtherMotion> other_motion() const { return odometry_.other_motion(); }
+  NewestView newest_view() const { return odometry_.newest_view(); }
   const TrackingRig& rig() const { return odometry_.rig(); }
 
  private:
