@@ -5,7 +5,7 @@ import statistics
 from kept import Experiment
 from papers_measures import (board_tables, followed, gains, kernels, lens_figures, moment_figures, times_of_frames,
                              tracked)
-from papers_rows import AS_THE_PAPER, DEPARTED, DEPARTURES, FILMS, OFFSETS, TABLE_6, TOWN_WINDOWS, window_name
+from papers_rows import AS_THE_PAPER, FILMS, OFFSETS, TABLE_6, TOWN_WINDOWS, window_name
 
 BENCHMARKS = ["bundle_growth_benchmark", "pless_benchmark", "tracker_benchmark", "ifba_benchmark",
               "lens_boards_benchmark"]
@@ -14,7 +14,7 @@ REAL = ["--noise", "3", "--blur", "0.01", "--samples", "1"]
 RENDERED = {"street": ("lba09-5-street", []), "pinhole": ("lba09-1-pinhole", REAL), "stereo": ("lba09-3-stereo", REAL),
             "mirror": ("lba09-2-mirror", REAL), "town": ("lba09-5-town", []),
             "town-quick": ("lba09-5-town", ["--frames", "725"])}
-FOUND = {"kitti07-mono": "kitti07-mono", "fr1-rpy": "fr1-rpy", "rendered-mirror": "rendered/mirror"}  # below the shared data
+FOUND = ["kitti07-mono"]  # below the shared data
 QUICK_TRIALS, QUICK_SEEDS = 100, 4
 CHECKED = ["kitti07-mono global", "kitti07-mono", "kitti07-mono paper global", window_name("kitti07-mono", 3, 3),
            window_name("kitti07-mono", 3, 10), "kitti07-mono generic"]  # of --check
@@ -68,13 +68,6 @@ def perspective(film):
     yield times(film)
 
 
-def departures(film):
-    if film not in FILMS:
-        yield track_experiment(film, film)
-    for name, flags in DEPARTURES.items():
-        yield track_experiment(f"{film} {name}", film, *flags)
-
-
 def generic(film):
     """6.2: angles between rays, against everything adjusted by pixels where the camera projects."""
     by_angles = [] if film == "mirror" else ["--error", "angular"]
@@ -115,8 +108,7 @@ def experiments(quick):
         found += perspective(film)
     for film in reversed(FILMS):
         found += windows(film)
-    for film in DEPARTED:
-        found += departures(film)
+        found.append(track_experiment(f"{film} calibration as given", film, *AS_THE_PAPER[:2]))
     for film in ("pinhole", "stereo", "mirror"):
         found += generic(film)
     return found + [*lenses(quick), *town(quick)]
@@ -141,6 +133,6 @@ def derived(results):
 def paths(program, benchmarks, data, films, kept_folder):
     """Where each {NAME} of the commands is."""
     found = {"raysfm": program} | {name: benchmarks / name for name in BENCHMARKS}
-    found |= {name: data / place for name, place in FOUND.items()} | {name: films / name for name in RENDERED}
+    found |= {name: data / name for name in FOUND} | {name: films / name for name in RENDERED}
     left = [f"{film}-{kind}" for film in [*FOUND, *RENDERED] for kind in ("global", "paper-global")]
     return found | {name: kept_folder / f"{name}.txt" for name in left}

@@ -45,13 +45,8 @@ TABLE_7 = {"pinhole": (511, 48, 3162, 11966, 15), "mirror": (1493, 132, 4752, 18
 TABLE_8 = {"pinhole": (0.10, 0.14, 0.37, 6.3), "mirror": (0.12, 0.15, 0.37, 5.9), "stereo": (0.18, 0.25, 0.91, 3.3)}
 AGAINST_GLOBAL = {"pinhole": (0.065, 0.45), "mirror": (0.092, 0.23), "stereo": (0.027, 0.13)}
 FILMS = ("street", "kitti07-mono")
-# What the paper does not do and a flag takes away (docs/architecture.md).
+# What the paper does not do and would hide what a window does (docs/results/departures.md has the others).
 AS_THE_PAPER = ["--refine-lens", "off", "--loops", "off", "--rolling-shutter", "none"]
-DEPARTURES = {"calibration as given": AS_THE_PAPER[:2], "no loops": AS_THE_PAPER[2:4], "no rolling shutter": AS_THE_PAPER[4:],
-              "the window of the paper": ["--paper-window"], "plain angles": ["--error", "angular-plain"]}
-DEPARTURES |= {f"without {name}": ["--without", name] for name in ("blur", "keyframes", "parallax", "surfaces", "turning")}
-DEPARTURES["nothing but the paper"] = ["--preset", "lba09"]
-DEPARTED = (*FILMS, "fr1-rpy", "rendered-mirror")  # blurred, and non-central
 DRAWING = "a drawing of the method, nothing is measured"
 
 
@@ -130,16 +125,6 @@ def lba09_generic():
         yield Row("Figure 18", f"{film}, map: points", TABLE_7[film][2], film, "points")
 
 
-def departures():
-    def both(result):
-        posed = "" if result["posed_percent"] == 100 else f", {result['posed_percent']:.0f} % posed"
-        return f"{result['mean_m']:.3g} m, {result['frames_per_second']:.0f} frames/s{posed}"
-    for film in DEPARTED:
-        yield Row("Departures", f"{film}, as raysfm comes", None, film, both)
-        for name in DEPARTURES:
-            yield Row("Departures", f"{film}, {name}", None, f"{film} {name}", both)
-
-
 def lba09():
     yield Row("Figure 1", "matches in an image", none="a photo; docs/page.md shows the like for any run")
     yield Row("Figure 2", "map with the ellipsoid of the newest pose", none="a picture; the page draws it for every run")
@@ -169,7 +154,6 @@ def lba09():
     yield Row("Figure 16", "matches in images of three cameras", none="photos; docs/images/map-*.jpg show results")
     yield from lba09_generic()
     yield Row("Figure 19", "structure of the normal equations", none=DRAWING)
-    yield from departures()
 
 
 # IFBA01 --------------------------------------------------------------------------------------------------------------

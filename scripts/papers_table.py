@@ -49,9 +49,6 @@ def cells_of(row, records):
 def section(item, rows, records, pictures, note):
     lines = [f"### {item}", "", "| what | paper | ours | ours/paper | experiment |", "|---|---|---|---|---|"]
     lines += ["| " + " | ".join(cells_of(row, records)) + " |" for row in rows] + [""]
-    if item == "Departures":
-        lines += ["What `track` does otherwise than the paper, as far as flags take it away: docs/architecture.md says why. Mean error "
-                  "of key frames, and rate.", ""]
     lines += [note, ""] if note else []
     for name, text in pictures:
         lines += [f"![{text}](../images/papers/{name})", ""]
