@@ -27,13 +27,22 @@ constexpr double kOrientationWeight = 1e-3, kLeastScaleWeight = 1e-2;
 
 // The normal equations of one neighbourhood of points, which are eliminated: of the poses that see them.
 struct Cluster {
-  int first = 0, end = 0;  // poses
-  MatrixXd information;    // of all poses, but only these have entries
+  int first = 0, end = 0;  // poses that these are of
+  MatrixXd information;
   VectorXd gradient;
 
   bool used() const { return end > first; }
   int begin_row() const { return 6 * first; }
   int rows() const { return 6 * (end - first); }
+  int row_of(int pose) const { return 6 * (pose - first); }
+
+  // Tracks are short beside a window: what is kept grows with the poses that they reach.
+  void reach(int pose) {
+    if (pose < end) return;
+    end = pose + 1;
+    information.conservativeResizeLike(MatrixXd::Zero(rows(), rows()));
+    gradient.conservativeResizeLike(VectorXd::Zero(rows()));
+  }
 };
 
 class Window {
@@ -111,14 +120,17 @@ class Window {
   void add_point(int track) {
     const Track& point = map_.tracks[track];
     terms_.clear();
-    int cluster = -1;
+    int cluster = -1, first = count_;
     for (const TrackObservation& o : point.observations) {
       if (o.keyframe < first_ || o.keyframe >= first_ + count_) continue;
       const MapKeyFrame& keyframe = map_.keyframes[o.keyframe];
       if (!keyframe.inliers[o.feature]) continue;
       Term t;
       if (!differentiate(o, point.position, &t)) continue;
-      if (cluster < 0) cluster = cluster_of(keyframe.cameras[o.feature], keyframe.pixels[o.feature], t.pose);
+      if (t.pose < first) {  // tracks that were fused are in no order
+        first = t.pose;
+        cluster = cluster_of(keyframe.cameras[o.feature], keyframe.pixels[o.feature], first);
+      }
       terms_.push_back(t);
     }
     if (terms_.size() < 2) return;
@@ -130,31 +142,27 @@ class Window {
     }
     const Eigen::LDLT<Matrix3d> factor(v);
     if (!(factor.vectorD().minCoeff() > kLeastPivot * factor.vectorD().maxCoeff())) return;
-    eliminate(factor, factor.solve(gradient), &clusters_[cluster]);
+    eliminate(factor, factor.solve(gradient), first, &clusters_[cluster]);
   }
 
-  // Adds what the terms of a point, which moves by `step`, say of the poses.
-  void eliminate(const Eigen::LDLT<Matrix3d>& factor, const Vector3d& step, Cluster* cluster) {
+  // Adds what the terms of a point, which moves by `step`, say of the poses, of which `first` is the first.
+  void eliminate(const Eigen::LDLT<Matrix3d>& factor, const Vector3d& step, int first, Cluster* cluster) {
     Cluster& c = *cluster;
-    if (!c.used()) {
-      c.information = MatrixXd::Zero(6 * count_, 6 * count_);
-      c.gradient = VectorXd::Zero(6 * count_);
-      c.first = count_;
-    }
+    if (!c.used()) c.first = c.end = first / kPoses * kPoses;
     for (const Term& t : terms_) {
-      c.first = std::min(c.first, t.pose);
-      c.end = std::max(c.end, t.pose + 1);
+      c.reach(t.pose);
+      const int row = c.row_of(t.pose);
       const Vector2d left = t.residual - t.by_point * step;
       squares_ += left.squaredNorm();
-      c.gradient.segment<6>(6 * t.pose).noalias() += t.by_pose.transpose() * left;
-      c.information.block<6, 6>(6 * t.pose, 6 * t.pose).noalias() += t.by_pose.transpose() * t.by_pose;
+      c.gradient.segment<6>(row).noalias() += t.by_pose.transpose() * left;
+      c.information.block<6, 6>(row, row).noalias() += t.by_pose.transpose() * t.by_pose;
     }
     residuals_ += 2 * static_cast<int>(terms_.size()) - 3;
     for (const Term& s : terms_) {
       const Eigen::Matrix<double, 6, 3> w = s.by_pose.transpose() * s.by_point;
       const Eigen::Matrix<double, 6, 3> wv = factor.solve(w.transpose()).transpose();
       for (const Term& t : terms_) {
-        c.information.block<6, 6>(6 * s.pose, 6 * t.pose).noalias() -=
+        c.information.block<6, 6>(c.row_of(s.pose), c.row_of(t.pose)).noalias() -=
             wv * t.by_point.transpose() * t.by_pose;
       }
     }
@@ -211,7 +219,7 @@ class Window {
   bool invert() {
     MatrixXd information = MatrixXd::Zero(6 * count_, 6 * count_);
     for (const Cluster& c : clusters_) {
-      if (c.used()) information += c.information;
+      if (c.used()) information.block(c.begin_row(), c.begin_row(), c.rows(), c.rows()) += c.information;
     }
     // What little rays of different origins may say of the scale is no reason to give up.
     if (!rig_.central()) {
@@ -251,7 +259,7 @@ class Window {
   double variance() const {
     VectorXd gradient = VectorXd::Zero(6 * count_);
     for (const Cluster& c : clusters_) {
-      if (c.used()) gradient += c.gradient;
+      if (c.used()) gradient.segment(c.begin_row(), c.rows()) += c.gradient;
     }
     const VectorXd step = inverse_ * gradient;
     double scatter = 0, expected = 0, sampled = 0, lost = 0;
@@ -259,9 +267,9 @@ class Window {
     for (const Cluster& c : clusters_) {
       if (!c.used()) continue;
       const int row = c.begin_row(), rows = c.rows();
-      const auto information = c.information.block(row, row, rows, rows);
+      const MatrixXd& information = c.information;
       const auto inverse = inverse_.block(row, row, rows, rows);
-      const VectorXd left = c.gradient.segment(row, rows) - information * step.segment(row, rows);
+      const VectorXd left = c.gradient - information * step.segment(row, rows);
       const double weight = inverse.cwiseProduct(information).sum();
       scatter += left.dot(inverse * left);
       expected += weight;
