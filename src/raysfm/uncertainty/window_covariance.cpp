@@ -158,12 +158,16 @@ class Window {
       c.information.block<6, 6>(row, row).noalias() += t.by_pose.transpose() * t.by_pose;
     }
     residuals_ += 2 * static_cast<int>(terms_.size()) - 3;
-    for (const Term& s : terms_) {
-      const Eigen::Matrix<double, 6, 3> w = s.by_pose.transpose() * s.by_point;
-      const Eigen::Matrix<double, 6, 3> wv = factor.solve(w.transpose()).transpose();
-      for (const Term& t : terms_) {
-        c.information.block<6, 6>(c.row_of(s.pose), c.row_of(t.pose)).noalias() -=
-            wv * t.by_point.transpose() * t.by_pose;
+    const Matrix3d point_covariance = factor.solve(Matrix3d::Identity());
+    for (size_t i = 0; i < terms_.size(); ++i) {
+      const Term& s = terms_[i];
+      const Eigen::Matrix<double, 6, 3> w = s.by_pose.transpose() * (s.by_point * point_covariance);
+      for (size_t j = i; j < terms_.size(); ++j) {
+        const Term& t = terms_[j];
+        const Eigen::Matrix<double, 6, 2> left = w * t.by_point.transpose();
+        const Matrix6d product = left * t.by_pose;
+        c.information.block<6, 6>(c.row_of(s.pose), c.row_of(t.pose)) -= product;
+        if (j > i) c.information.block<6, 6>(c.row_of(t.pose), c.row_of(s.pose)) -= product.transpose();
       }
     }
   }
