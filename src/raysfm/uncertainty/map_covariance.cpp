@@ -21,7 +21,7 @@ constexpr RobustLoss kWindowLoss{RobustLoss::Kind::kHuber, 1.0};
 
 void MapCovariance::follow(const TrackingRig& rig, const Map& map, int world) {
   const int count = static_cast<int>(map.keyframes.size());
-  const int due = measured_ + std::clamp(measured_ / 2, 1, kEvery);
+  const int due = measured_ + std::clamp(measured_, 1, kEvery);
   if (count < measured_ || count >= due) measure(rig, map, world);
 }
 

@@ -18,7 +18,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
-constexpr int kSampled = 4;           // one of so many tells what an adjustment hides of their errors
+constexpr int kSampled = 8;           // one of so many tells what an adjustment hides of their errors
 constexpr double kLeastLeft = 0.1;    // of these errors
 constexpr double kLeastPivot = 1e-9;  // of equations whose diagonal is 1
 // Of orientations in a fit by positions, for each radian the square of the extent of the path; of the
