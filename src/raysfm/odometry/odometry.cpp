@@ -5,7 +5,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
-#include <ranges>
 #include <utility>
 
 #include "raysfm/core/median.h"
@@ -699,9 +698,9 @@ void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
 // may not keep it from coming back.
 void Odometry::pose_missed(const std::vector<WaitingView>& missed) {
   const Previous found = *previous_;
-  for (const WaitingView& waiting : std::views::reverse(missed)) {
-    if (!waiting.view) continue;
-    ViewPtr view = waiting.view;
+  for (auto waiting = missed.rbegin(); waiting != missed.rend(); ++waiting) {
+    if (!waiting->view) continue;
+    ViewPtr view = waiting->view;
     Localisation pose = localise(&view);
     if (!believable(pose)) break;
     follow_scan(*view, &pose);

@@ -1,7 +1,6 @@
 // What Odometry knows, as a Reconstruction.
 #include <algorithm>
 #include <cmath>
-#include <ranges>
 #include <utility>
 
 #include "raysfm/odometry/odometry.h"
@@ -28,10 +27,11 @@ NewestView Odometry::newest_view() const {
   const Map& map = segment().map;
   for (const PointMatch& m : previous_->pose.matches) {
     NewestView::Match& match = newest.matches.emplace_back(NewestView::Match{m.camera, m.pixel, {}});
-    for (const TrackObservation& o : std::views::reverse(map.tracks[m.track].observations)) {
-      const MapKeyFrame& k = map.keyframes[o.keyframe];
-      if (match.before.size() == kShown) break;
-      if (k.cameras[o.feature] == m.camera) match.before.push_back(k.pixels[o.feature]);
+    const auto& observations = map.tracks[m.track].observations;
+    for (size_t i = observations.size(); i-- > 0 && match.before.size() < kShown;) {
+      const MapKeyFrame& k = map.keyframes[observations[i].keyframe];
+      const int feature = observations[i].feature;
+      if (k.cameras[feature] == m.camera) match.before.push_back(k.pixels[feature]);
     }
   }
   return newest;
