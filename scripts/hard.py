@@ -227,7 +227,7 @@ LOOKED_AT = [
     "ellipsoids narrow, rightly so for what was followed. What tells is the rest of the image (docs/architecture.md, what moves by itself).",
     "A world that is its start alone, three key frames, was never tested by a later one, and is too short for the warning above: `room, "
     "darkness 16` (149 points in images of 16 grey levels) and `kitchen, posters 10` (956 of the 1112 observations of its points are on the "
-    "figures) are such worlds.",
+    "figures) were such worlds when nothing was said of them; now `track` says that no later frame has added to their map.",
     "The truth of the kitchen is good to 3 to 5 cm only, on a path of 80 frames: its errors of 1 to 3 % of the path are those of the truth.",
 ]
 HEAD = "| strength | film | posed % | worlds | ATE % of path | to the film as it is | beyond 99.9 % | verdict | said |"
