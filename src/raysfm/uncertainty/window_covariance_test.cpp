@@ -32,6 +32,14 @@ BundleScene exact_scene(std::vector<Camera> cameras = {}) {
                             .cameras = std::move(cameras)});
 }
 
+BundleScene noisy_scene(uint64_t seed) {
+  BundleScene scene = exact_scene();
+  Rng rng(seed);
+  for (BundleObservation& o : scene.observations)
+    o.pixel += 0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
+  return scene;
+}
+
 // What a map holds of a scene.
 Map map_of(const BundleScene& scene, double unit = 1) {
   Map map;
@@ -127,10 +135,7 @@ TEST(WindowCovariance, OfAStereoRigIsMetric) {
 }
 
 TEST(WindowCovariance, IsInTheUnitOfTheMap) {
-  BundleScene scene = exact_scene();
-  Rng rng(2);
-  for (BundleObservation& o : scene.observations)
-    o.pixel += 0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
+  const BundleScene scene = noisy_scene(2);
   const TrackingRig rig(Rig{scene.cameras});
   const auto one = window_covariance(rig, map_of(scene), 0, kKeyFrames, kNoLoss, kEveryPoint);
   const auto ten = window_covariance(rig, map_of(scene, 10), 0, kKeyFrames, kNoLoss, kEveryPoint);
@@ -144,10 +149,7 @@ TEST(WindowCovariance, IsInTheUnitOfTheMap) {
 
 // A share of the points stands for all of them.
 TEST(WindowCovariance, IsAboutTheSameFromAShareOfThePoints) {
-  BundleScene scene = exact_scene();
-  Rng rng(3);
-  for (BundleObservation& o : scene.observations)
-    o.pixel += 0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
+  const BundleScene scene = noisy_scene(3);
   const TrackingRig rig(Rig{scene.cameras});
   const Map map = map_of(scene);
   const auto all = window_covariance(rig, map, 0, kKeyFrames, kNoLoss, kEveryPoint);
