@@ -21,102 +21,93 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr int kRadius = 5;
 constexpr int kSide = 2 * kRadius + 1;
 constexpr int kCount = kSide * kSide;
-// Rows of a template are padded with zeros to this many floats. Sums run over each of these columns on its
-// own and then over the columns in a fixed order, so that they do not depend on the length of the vectors.
-constexpr int kRow = 16;
+constexpr int kRow = 16;  // rows of a template are padded with zeros to this many numbers
 constexpr int kArea = kSide * kRow;
 
+// Grey levels less 128 and gradients are whole numbers, in units of a 32nd: at most 2^12, so that the sum of
+// the products of two patches fits 32 bits. Sums are exact, whatever the length of the vectors.
+constexpr int kUnits = 32, kMiddle = 128 * kUnits;
 // Least eigenvalue of the normal matrix: with noise of 2 grey levels, sigma = 2 / sqrt(50) = 0.28 pixels.
-constexpr float kMinCurvature = 50.0f;
+constexpr double kMinCurvature = 50.0 * kUnits * kUnits;
+constexpr double kMinNorm2 = double{kCount} * kUnits * kUnits;  // a standard deviation of one grey level
 
-const hn::CappedTag<float, kRow> kFloats;
+const hn::CappedTag<int16_t, kRow> kShorts;
+#if HWY_TARGET == HWY_SCALAR
+const hn::Rebind<int32_t, decltype(kShorts)> kSums;
+#else
+const hn::RepartitionToWide<decltype(kShorts)> kSums;
+#endif
 
 // A patch of the reference. The gradients that count are those less their parts along the constant and along
 // the patch itself, which bias and gain would explain: g - mean(g) - (g . v / v . v) v with v the patch less
 // its mean. Only sums with them are needed, so they are never written down.
 struct Template {
-  alignas(64) float value[kArea];  // grey levels
-  alignas(64) float dx[kArea];     // central differences
-  alignas(64) float dy[kArea];
-  float mean, mean_dx, mean_dy;
-  float along_dx, along_dy;  // g . v / v . v
-  float norm2;               // v . v
-  float hxx, hxy, hyy;       // inverse of the normal matrix
+  alignas(64) int16_t value[kArea];
+  alignas(64) int16_t dx[kArea];  // central differences
+  alignas(64) int16_t dy[kArea];
+  double mean, mean_dx, mean_dy;
+  double along_dx, along_dy;  // g . v / v . v
+  double norm2;               // v . v
+  double hxx, hxy, hyy;       // inverse of the normal matrix
 };
 
-// One inside the patch, zero in the padding.
+// All bits inside the patch, none in the padding.
 struct Inside {
   constexpr Inside() {
-    for (int c = 0; c < kSide; ++c) value[c] = 1.0f;
+    for (int c = 0; c < kSide; ++c) bits[c] = -1;
   }
-  alignas(64) float value[kRow] = {};
+  alignas(64) int16_t bits[kRow] = {};
 };
 static constexpr Inside kInside;
 
-// Pairwise, in an order that does not depend on the instruction set. `columns` is aligned to 64 bytes.
-HWY_INLINE float sum_columns(const float* HWY_RESTRICT columns) {
-  const hn::CappedTag<float, 8> d8;
-  const hn::CappedTag<float, 4> d4;
-  alignas(32) float a[8], b[4];
-  for (int i = 0; i < 8; i += static_cast<int>(hn::Lanes(d8))) {
-    hn::Store(hn::Add(hn::Load(d8, columns + i), hn::Load(d8, columns + i + 8)), d8, a + i);
+// Sum of products.
+struct Dot {
+  using V = hn::Vec<decltype(kSums)>;
+  V even, odd;
+  template <class Shorts>
+  HWY_INLINE void add(Shorts a, Shorts b) {
+    even = hn::ReorderWidenMulAccumulate(kSums, a, b, even, odd);
   }
-  for (int i = 0; i < 4; i += static_cast<int>(hn::Lanes(d4))) {
-    hn::Store(hn::Add(hn::Load(d4, a + i), hn::Load(d4, a + i + 4)), d4, b + i);
-  }
-  return (b[0] + b[2]) + (b[1] + b[3]);
-}
-
-template <int kCount>
-struct ColumnSums {
-  alignas(64) float columns[kCount][kRow] = {};
-  template <class V>
-  HWY_INLINE void store(int i, int column, V v) {
-    hn::Store(v, kFloats, columns[i] + column);
-  }
-  HWY_INLINE float operator[](int i) const { return sum_columns(columns[i]); }
+  HWY_INLINE double sum() const { return hn::GetLane(hn::SumOfLanes(kSums, hn::Add(even, odd))); }
 };
+
+HWY_INLINE Dot empty_dot() {
+  return {hn::Zero(kSums), hn::Zero(kSums)};
+}
 
 // Sums over a patch: of values t and gradients x, y, and of their products.
 struct TemplateSums {
-  float t, x, y, tt, tx, ty, xx, xy, yy;
+  double t, x, y, tt, tx, ty, xx, xy, yy;
 };
 
 // Values and central differences of a patch that is sampled with a rim of one pixel.
 HWY_INLINE TemplateSums load_template(const GrayView& reference, const AffineWindow& window, Template* out) {
   constexpr int kWide = kSide + 2;
-  alignas(64) int32_t samples[PatchOffsets<kRadius + 1>::kPadded];
+  static_assert((1 << kLevelBits) == 2 * kUnits);
+  alignas(64) int16_t samples[PatchOffsets<kRadius + 1>::kPadded];
   sample_affine<kRadius + 1>(reference, window, samples);
 
-  const hn::RebindToSigned<decltype(kFloats)> ints;
-  constexpr float kScale = 1.0f / (1 << (2 * kWeightBits));
-  ColumnSums<9> sums;
-  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kFloats))) {
-    const auto inside = hn::Load(kFloats, kInside.value + c);
-    const auto scale = hn::Mul(inside, hn::Set(kFloats, kScale));
-    const auto half_scale = hn::Mul(inside, hn::Set(kFloats, 0.5f * kScale));
-    const auto zero = hn::Zero(kFloats);
-    auto st = zero, sx = zero, sy = zero, stt = zero, stx = zero, sty = zero, sxx = zero, sxy = zero,
-         syy = zero;
+  const auto one = hn::Set(kShorts, 1), two = hn::Set(kShorts, 2), middle = hn::Set(kShorts, kMiddle);
+  Dot t = empty_dot(), x = t, y = t, tt = t, tx = t, ty = t, xx = t, xy = t, yy = t;
+  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kShorts))) {
+    const auto inside = hn::Load(kShorts, kInside.bits + c);
     for (int r = 0; r < kSide; ++r) {
-      const int32_t* s = samples + (r + 1) * kWide + 1 + c;
-      const auto difference = [&](int step) HWY_ATTR {
-        return hn::ConvertTo(kFloats, hn::Sub(hn::LoadU(ints, s + step), hn::LoadU(ints, s - step)));
+      const int16_t* s = samples + (r + 1) * kWide + 1 + c;
+      const auto load = [s](int step) HWY_ATTR { return hn::LoadU(kShorts, s + step); };
+      const auto gradient = [&](int step) HWY_ATTR {
+        return hn::And(inside, hn::ShiftRight<2>(hn::Add(hn::Sub(load(step), load(-step)), two)));
       };
-      const auto t = hn::Mul(scale, hn::ConvertTo(kFloats, hn::LoadU(ints, s)));
-      const auto x = hn::Mul(half_scale, difference(1)), y = hn::Mul(half_scale, difference(kWide));
-      hn::Store(t, kFloats, out->value + r * kRow + c);
-      hn::Store(x, kFloats, out->dx + r * kRow + c);
-      hn::Store(y, kFloats, out->dy + r * kRow + c);
-      st = hn::Add(st, t), sx = hn::Add(sx, x), sy = hn::Add(sy, y);
-      stt = hn::Add(stt, hn::Mul(t, t)), stx = hn::Add(stx, hn::Mul(t, x)), sty = hn::Add(sty, hn::Mul(t, y));
-      sxx = hn::Add(sxx, hn::Mul(x, x)), sxy = hn::Add(sxy, hn::Mul(x, y)), syy = hn::Add(syy, hn::Mul(y, y));
+      const auto value = hn::And(inside, hn::Sub(hn::ShiftRight<1>(hn::Add(load(0), one)), middle));
+      const auto dx = gradient(1), dy = gradient(kWide);
+      hn::Store(value, kShorts, out->value + r * kRow + c);
+      hn::Store(dx, kShorts, out->dx + r * kRow + c);
+      hn::Store(dy, kShorts, out->dy + r * kRow + c);
+      t.add(value, one), x.add(dx, one), y.add(dy, one);
+      tt.add(value, value), tx.add(value, dx), ty.add(value, dy);
+      xx.add(dx, dx), xy.add(dx, dy), yy.add(dy, dy);
     }
-    sums.store(0, c, st), sums.store(1, c, sx), sums.store(2, c, sy);
-    sums.store(3, c, stt), sums.store(4, c, stx), sums.store(5, c, sty);
-    sums.store(6, c, sxx), sums.store(7, c, sxy), sums.store(8, c, syy);
   }
-  return {sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]};
+  return {t.sum(), x.sum(), y.sum(), tt.sum(), tx.sum(), ty.sum(), xx.sum(), xy.sum(), yy.sum()};
 }
 
 // False where the patch does not fix both coordinates.
@@ -126,16 +117,16 @@ HWY_INLINE bool make_template(const GrayView& reference, const AffineWindow& win
   t->mean_dx = s.x / kCount;
   t->mean_dy = s.y / kCount;
   t->norm2 = s.tt - s.t * t->mean;
-  if (!(t->norm2 > kCount)) return false;  // a standard deviation of one grey level
-  const float tx = s.tx - s.t * t->mean_dx, ty = s.ty - s.t * t->mean_dy;
+  if (!(t->norm2 > kMinNorm2)) return false;
+  const double tx = s.tx - s.t * t->mean_dx, ty = s.ty - s.t * t->mean_dy;
   t->along_dx = tx / t->norm2;
   t->along_dy = ty / t->norm2;
-  const float xx = s.xx - s.x * t->mean_dx - tx * t->along_dx;
-  const float xy = s.xy - s.x * t->mean_dy - tx * t->along_dy;
-  const float yy = s.yy - s.y * t->mean_dy - ty * t->along_dy;
-  const float least = 0.5f * (xx + yy - std::sqrt((xx - yy) * (xx - yy) + 4 * xy * xy));
+  const double xx = s.xx - s.x * t->mean_dx - tx * t->along_dx;
+  const double xy = s.xy - s.x * t->mean_dy - tx * t->along_dy;
+  const double yy = s.yy - s.y * t->mean_dy - ty * t->along_dy;
+  const double least = 0.5 * (xx + yy - std::sqrt((xx - yy) * (xx - yy) + 4 * xy * xy));
   if (!(least > kMinCurvature)) return false;
-  const float det = xx * yy - xy * xy;
+  const double det = xx * yy - xy * xy;
   t->hxx = yy / det;
   t->hxy = -xy / det;
   t->hyy = xx / det;
@@ -144,43 +135,46 @@ HWY_INLINE bool make_template(const GrayView& reference, const AffineWindow& win
 
 // Products of a sample with the parts of a template that count, and its variance times kCount.
 struct Correlation {
-  float dx, dy, value, variance;
+  double dx, dy, value, variance;
 };
 
 // With the patch of the target that begins at `block`, moved by (fx, fy) in [0, 1).
 HWY_INLINE Correlation correlate(const Template& t, const PixelBlock& block, float fx, float fy) {
-  const hn::Rebind<uint8_t, decltype(kFloats)> bytes;
-  const hn::RebindToSigned<decltype(kFloats)> ints;
-  const auto wx = hn::Set(kFloats, fx), wy = hn::Set(kFloats, fy);
-  const auto load = [&](const uint8_t* p)
-                        HWY_ATTR { return hn::ConvertTo(kFloats, hn::PromoteTo(ints, hn::LoadU(bytes, p))); };
+  const hn::Rebind<uint8_t, decltype(kShorts)> bytes;
+  const auto weight = [](float f) HWY_ATTR {
+    constexpr float kOne = 32768;
+    return hn::Set(kShorts, static_cast<int16_t>(std::min(f * kOne + 0.5f, kOne - 1)));
+  };
+  const auto wx = weight(fx), wy = weight(fy);
+  const auto one = hn::Set(kShorts, 1), middle = hn::Set(kShorts, kMiddle);
+  const auto load = [&](const uint8_t* p) HWY_ATTR {
+    constexpr int kUnitBits = 5;
+    static_assert(1 << kUnitBits == kUnits);
+    return hn::ShiftLeft<kUnitBits>(hn::PromoteTo(kShorts, hn::LoadU(bytes, p)));
+  };
   const auto blend_row = [&](const uint8_t* p) HWY_ATTR {
     const auto left = load(p);
-    return hn::Add(left, hn::Mul(wx, hn::Sub(load(p + 1), left)));
+    return hn::Add(hn::Sub(left, middle), hn::MulFixedPoint15(hn::Sub(load(p + 1), left), wx));
   };
-  ColumnSums<5> sums;
-  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kFloats))) {
-    auto dx = hn::Zero(kFloats), dy = hn::Zero(kFloats), value = hn::Zero(kFloats);
-    auto one = hn::Zero(kFloats), square = hn::Zero(kFloats);
-    const auto inside = hn::Load(kFloats, kInside.value + c);
+  Dot dx = empty_dot(), dy = dx, value = dx, sum = dx, square = dx;
+  for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(kShorts))) {
+    const auto inside = hn::Load(kShorts, kInside.bits + c);
     auto above = blend_row(block.data + c);
     for (int r = 0; r < kSide; ++r) {
       const auto below = blend_row(block.data + (r + 1) * block.stride + c);
-      const auto sample = hn::Mul(inside, hn::Add(above, hn::Mul(wy, hn::Sub(below, above))));
+      const auto sample = hn::And(inside, hn::Add(above, hn::MulFixedPoint15(hn::Sub(below, above), wy)));
       const int i = r * kRow + c;
-      dx = hn::Add(dx, hn::Mul(sample, hn::Load(kFloats, t.dx + i)));
-      dy = hn::Add(dy, hn::Mul(sample, hn::Load(kFloats, t.dy + i)));
-      value = hn::Add(value, hn::Mul(sample, hn::Load(kFloats, t.value + i)));
-      one = hn::Add(one, sample);
-      square = hn::Add(square, hn::Mul(sample, sample));
+      dx.add(sample, hn::Load(kShorts, t.dx + i));
+      dy.add(sample, hn::Load(kShorts, t.dy + i));
+      value.add(sample, hn::Load(kShorts, t.value + i));
+      sum.add(sample, one);
+      square.add(sample, sample);
       above = below;
     }
-    sums.store(0, c, dx), sums.store(1, c, dy), sums.store(2, c, value);
-    sums.store(3, c, one), sums.store(4, c, square);
   }
-  const float one = sums[3], value = sums[2] - t.mean * one;
-  return {sums[0] - t.mean_dx * one - t.along_dx * value, sums[1] - t.mean_dy * one - t.along_dy * value,
-          value, sums[4] - one * one / kCount};
+  const double s = sum.sum(), along = value.sum() - t.mean * s;
+  return {dx.sum() - t.mean_dx * s - t.along_dx * along, dy.sum() - t.mean_dy * s - t.along_dy * along, along,
+          square.sum() - s * s / kCount};
 }
 
 // Steps shrink by about the same factor each time: the sum of those to come, and how long the next one would
@@ -217,10 +211,12 @@ PatchAlignment align_patch(const GrayView& reference, const AffineWindow& window
                                                        static_cast<int>(v) - kRadius, kSide + 1, &buffer);
     const Correlation s = correlate(t, block, p.x() - u, p.y() - v);
     // The sample is gain * template + bias, moved; a dark copy (negative gain) is another patch.
-    const float gain = s.value / t.norm2;
+    const double gain = s.value / t.norm2;
     if (!(gain > 0 && s.variance > 0)) return result;
-    result.zncc = std::min(1.0f, s.value / std::sqrt(t.norm2 * s.variance));
-    const Eigen::Vector2f step(-(t.hxx * s.dx + t.hxy * s.dy) / gain, -(t.hxy * s.dx + t.hyy * s.dy) / gain);
+    result.zncc = static_cast<float>(std::min(1.0, s.value / std::sqrt(t.norm2 * s.variance)));
+    const Eigen::Vector2f step =
+        Eigen::Vector2d(-(t.hxx * s.dx + t.hxy * s.dy) / gain, -(t.hxy * s.dx + t.hyy * s.dy) / gain)
+            .cast<float>();
     // Every second step: the one after a leap is no continuation of the one before.
     const Outlook outlook = iteration % 2 == 1 ? look_ahead(before, step) : Outlook{};
     before = step;

@@ -30,16 +30,18 @@ struct PatchOffsets {
   alignas(64) int32_t y[kPadded] = {};
 };
 
-// Weights have kWeightBits, so a sample is the grey level times 4^kWeightBits.
 constexpr int kWeightBits = 10;
+// A sample is a grey level times 2^kLevelBits.
+constexpr int kLevelBits = 6;
 
 // Writes kPadded samples. The window lies inside the image (affine_window()). Integers only: the same on
 // every instruction set.
 template <int kRadius>
-HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int32_t* HWY_RESTRICT samples) {
+HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
   namespace hn = hwy::HWY_NAMESPACE;
   static constexpr PatchOffsets<kRadius> kOffsets;
   const hn::CappedTag<int32_t, 16> d;
+  const hn::Rebind<int16_t, decltype(d)> shorts;
   const auto* base = reinterpret_cast<const int32_t*>(image.data);
   const auto stride = hn::Set(d, static_cast<int32_t>(image.stride));
   const auto byte = hn::Set(d, 0xff), weight_mask = hn::Set(d, (1 << kWeightBits) - 1);
@@ -47,6 +49,8 @@ HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int3
   const auto m10 = hn::Set(d, w.m10), m11 = hn::Set(d, w.m11);
   // Half a step of the weights, so that cutting the lower bits rounds.
   constexpr int kDropped = kFixedBits - kWeightBits;
+  constexpr int kShift = 2 * kWeightBits - kLevelBits;
+  const auto half_level = hn::Set(d, 1 << (kShift - 1));
   const auto x0 = hn::Set(d, w.x + (1 << (kDropped - 1))), y0 = hn::Set(d, w.y + (1 << (kDropped - 1)));
   for (int i = 0; i < PatchOffsets<kRadius>::kPadded; i += static_cast<int>(hn::Lanes(d))) {
     const auto ox = hn::Load(d, kOffsets.x + i), oy = hn::Load(d, kOffsets.y + i);
@@ -62,7 +66,8 @@ HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int3
       return hn::Add(hn::ShiftLeft<kWeightBits>(left), hn::Mul(wx, hn::Sub(right, left)));
     };
     const auto a = blend_row(top), b = blend_row(bottom);
-    hn::Store(hn::Add(hn::ShiftLeft<kWeightBits>(a), hn::Mul(wy, hn::Sub(b, a))), d, samples + i);
+    const auto sample = hn::Add(hn::ShiftLeft<kWeightBits>(a), hn::Mul(wy, hn::Sub(b, a)));
+    hn::Store(hn::DemoteTo(shorts, hn::ShiftRight<kShift>(hn::Add(sample, half_level))), shorts, samples + i);
   }
 }
 

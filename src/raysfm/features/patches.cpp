@@ -132,13 +132,9 @@ void extract_warped(const GrayView& image, const Eigen::Vector2f& pixel, const E
   patches->set_inverse_norm(i, 0);
   const auto window = affine_window(image, pixel, m, kPatchRadius);
   if (!window) return;
-  alignas(64) int32_t wide[kPatchStride];
   alignas(64) int16_t samples[kPatchStride];
-  sample_affine<kPatchRadius>(image, *window, wide);
-  constexpr int kShift = 2 * kWeightBits - 6;  // to grey levels times kLevels
-  for (int k = 0; k < kPatchStride; ++k) {
-    samples[k] = static_cast<int16_t>((wide[k] + (1 << (kShift - 1))) >> kShift);
-  }
+  static_assert((1 << kLevelBits) == kLevels);
+  sample_affine<kPatchRadius>(image, *window, samples);
   patches->set_inverse_norm(i, normalise(samples, patches->mutable_patch(i)));
 }
 
