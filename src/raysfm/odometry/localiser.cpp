@@ -183,7 +183,8 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
       continue;
     }
     if (rig_.scans()) {
-      query.predicted += predict_scan_offset(rig_, camera, rig_from_world * position, velocity_);
+      query.predicted += predict_scan_offset(rig_, camera, rig_from_world * position, velocity_,
+                                             query.predicted.cast<double>());
     }
     if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned
     queries_.push_back(query);

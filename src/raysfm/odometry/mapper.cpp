@@ -285,8 +285,9 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& vel
     }
     if (rig_.scans()) {
       const Eigen::Vector3d point = point_on_ray(views[anchor], f, distance);
-      query.predicted += predict_scan_offset(
-          rig_, camera, rig_.camera(camera).rig_from_cam * (target_from_anchor * point), velocity);
+      query.predicted +=
+          predict_scan_offset(rig_, camera, rig_.camera(camera).rig_from_cam * (target_from_anchor * point),
+                              velocity, query.predicted.cast<double>());
     }
     const float slack = kSearchSlack * octave_side(query.octave);
     const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);

@@ -64,8 +64,8 @@ void Odometry::correct_scans(int number, int first_keyframe) {
   for (int k = std::max(0, first_keyframe); k < static_cast<int>(s.map.keyframes.size()); ++k) {
     const MapKeyFrame& keyframe = s.map.keyframes[k];
     if (keyframe.frame < 0) continue;
-    correct_scan(rig_, keyframe_velocity(keyframe), 0, k, &s.map);
-    if (k < static_cast<int>(s.views.size())) renew_rays(rig_, keyframe, &s.views[k]);
+    const bool at_hand = k < static_cast<int>(s.views.size()) && s.views[k].view;
+    correct_scan(rig_, keyframe_velocity(keyframe), 0, k, &s.map, at_hand ? &s.views[k] : nullptr);
   }
 }
 

@@ -26,9 +26,10 @@ Velocity velocity_at(const TimedPose& pose, std::span<const TimedPose> others);
 Eigen::Vector2f scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
                             const Velocity& velocity, const Eigen::Vector2d& pixel);
 
-// The same where it is not known at which pixel the point is seen.
+// The same where it is not known at which pixel the point is seen, to a hundredth of a pixel, but where it
+// would be seen at the instant.
 Eigen::Vector2f predict_scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
-                                    const Velocity& velocity);
+                                    const Velocity& velocity, const Eigen::Vector2d& at_instant);
 
 // Pixels per second by which a point, in the rig's frame, moves in the image. Zero where it is not seen.
 Eigen::Vector2d image_velocity(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,

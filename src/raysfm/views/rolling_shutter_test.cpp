@@ -81,7 +81,7 @@ TEST_P(ScanOffset, LeadsFromTheInstantToTheTimeOfThePixel) {
     EXPECT_GT((seen - corner).norm(), 1);
     const Eigen::Vector2f offset = scan_offset(rig, 0, in_rig, some_velocity(), seen);
     EXPECT_LT((seen - offset.cast<double>() - corner).norm(), 1e-4);
-    const Eigen::Vector2f predicted = predict_scan_offset(rig, 0, in_rig, some_velocity());
+    const Eigen::Vector2f predicted = predict_scan_offset(rig, 0, in_rig, some_velocity(), corner);
     EXPECT_LT((predicted - offset).norm(), 0.01);
   }
 }
@@ -116,7 +116,7 @@ TEST(RollingShutter, NothingMovesWhereAllIsExposedAtOnce) {
 TEST(RollingShutter, PointsBehindTheCameraAreLeft) {
   const TrackingRig rig(Rig{{scanning_camera(RollingShutter::Direction::kDown)}});
   EXPECT_EQ(scan_offset(rig, 0, {0, 0, -3}, some_velocity(), {10, 10}), Eigen::Vector2f::Zero());
-  EXPECT_EQ(predict_scan_offset(rig, 0, {0, 0, -3}, some_velocity()), Eigen::Vector2f::Zero());
+  EXPECT_EQ(predict_scan_offset(rig, 0, {0, 0, -3}, some_velocity(), {320, 240}), Eigen::Vector2f::Zero());
   EXPECT_EQ(image_velocity(rig, 0, {0, 0, -3}, some_velocity()), Eigen::Vector2d::Zero());
 }
 

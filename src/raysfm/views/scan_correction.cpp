@@ -14,7 +14,9 @@ void set_scan_offset(const TrackingRig& rig, int feature, const Eigen::Vector2f&
   }
 }
 
-void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map) {
+void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map,
+                  KeyFrameView* view) {
+  constexpr float kStill = 0.002f;  // pixels
   if (!rig.scans()) return;
   MapKeyFrame& k = map->keyframes[keyframe];
   const double usual_distance = median_distance(k, *map);
@@ -24,12 +26,17 @@ void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, i
     Eigen::Vector3d point_in_rig;
     if (k.tracks[f] >= 0 && map->tracks[k.tracks[f]].triangulated) {
       point_in_rig = k.rig_from_world * map->tracks[k.tracks[f]].position;
-    } else {
-      Ray ray;
-      if (!rig.camera(camera).ray(pixel, &ray)) continue;
+    } else if (Ray ray; view) {
+      point_in_rig = rig.camera(camera).rig_from_cam * point_on_ray(*view, f, usual_distance);
+    } else if (rig.camera(camera).ray(pixel, &ray)) {
       point_in_rig = rig.camera(camera).rig_from_cam * (ray.origin + usual_distance * ray.direction);
+    } else {
+      continue;
     }
-    set_scan_offset(rig, f, scan_offset(rig, camera, point_in_rig, velocity, pixel), &k);
+    const Eigen::Vector2f offset = scan_offset(rig, camera, point_in_rig, velocity, pixel);
+    if ((k.pixels[f] - k.instant_pixel(f) - offset).squaredNorm() < kStill * kStill) continue;
+    set_scan_offset(rig, f, offset, &k);
+    if (view) renew_ray(rig, k, f, view);
   }
 }
 

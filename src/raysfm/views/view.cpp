@@ -193,14 +193,16 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
   return out;
 }
 
+void renew_ray(const TrackingRig& rig, const MapKeyFrame& keyframe, int feature, KeyFrameView* view) {
+  Ray ray;
+  const Camera& camera = rig.camera(view->cameras[feature]);
+  if (!camera.ray(keyframe.instant_pixel(feature).cast<double>(), &ray)) return;
+  view->origins[feature] = ray.origin.cast<float>();
+  view->directions[feature] = ray.direction.cast<float>();
+}
+
 void renew_rays(const TrackingRig& rig, const MapKeyFrame& keyframe, KeyFrameView* view) {
-  for (size_t i = 0; i < view->pixels.size(); ++i) {
-    Ray ray;
-    if (!rig.camera(view->cameras[i]).ray(keyframe.instant_pixel(static_cast<int>(i)).cast<double>(), &ray))
-      continue;
-    view->origins[i] = ray.origin.cast<float>();
-    view->directions[i] = ray.direction.cast<float>();
-  }
+  for (int f = 0; f < static_cast<int>(view->pixels.size()); ++f) renew_ray(rig, keyframe, f, view);
 }
 
 }  // namespace raysfm

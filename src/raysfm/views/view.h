@@ -115,5 +115,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
 
 // The rays again, of cameras or scan offsets that are no longer those that it was made with.
 void renew_rays(const TrackingRig& rig, const MapKeyFrame& keyframe, KeyFrameView* view);
+// That of one feature.
+void renew_ray(const TrackingRig& rig, const MapKeyFrame& keyframe, int feature, KeyFrameView* view);
 
 }  // namespace raysfm
