@@ -478,7 +478,7 @@ double Odometry::mean_keyframe_distance() const {
 // Returns the factor by which that rescaled the map.
 double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
   const double rescaled = segment().map.rescaled;
-  correct_scans(world(), static_cast<int>(segment().map.keyframes.size()) - options_.window);
+  correct_scans(world(), first_scan_to_correct());
   mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);

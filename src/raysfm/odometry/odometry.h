@@ -205,6 +205,7 @@ class Odometry {
   Velocity present_velocity(int frame) const;
   Velocity keyframe_velocity(const MapKeyFrame& keyframe) const;
   void follow_scan(const View& view, Localisation* pose);
+  int first_scan_to_correct() const;
   void correct_scans(int segment, int first_keyframe);
   Velocity start_velocity(int keyframe) const;
   void refine_start();

@@ -57,6 +57,15 @@ Velocity Odometry::keyframe_velocity(const MapKeyFrame& keyframe) const {
   return keyframe.frame < 0 ? Velocity::Zero() : velocity_of(keyframe.frame, keyframe.rig_from_world);
 }
 
+// Key frames that no adjustment moves any more see only new points elsewhere: they are gone through again
+// now and then.
+int Odometry::first_scan_to_correct() const {
+  constexpr int kAllOfWindow = 4;  // with every fourth key frame
+  const int count = static_cast<int>(segment().map.keyframes.size());
+  const bool all = count <= options_.global_until || count % kAllOfWindow == 0;
+  return count - (all ? options_.window : options_.free_cameras + 1);
+}
+
 // Of the key frames of a world from one on.
 void Odometry::correct_scans(int number, int first_keyframe) {
   if (!rig_.scans()) return;

@@ -167,13 +167,14 @@ RansacReport search(const Rig& rig, const PoseObservations& observations, const 
                 rig_from_world, start);
 }
 
-// Marks the observations within max_error_px, whose squared residuals are given; true when a mark changed.
-bool mark_inliers(std::span<const double> squared, double max_error_px, PoseEstimate* result) {
-  bool changed = false;
+// Marks the observations within max_error_px, whose squared residuals are given; returns how many marks
+// changed.
+int mark_inliers(std::span<const double> squared, double max_error_px, PoseEstimate* result) {
+  int changed = 0;
   result->inlier_count = 0;
   for (size_t i = 0; i < squared.size(); ++i) {
     const bool inlier = squared[i] <= max_error_px * max_error_px;
-    changed |= inlier != (result->inlier[i] != 0);
+    changed += inlier != (result->inlier[i] != 0);
     result->inlier[i] = inlier;
     result->inlier_count += inlier;
   }
@@ -224,7 +225,7 @@ struct PoseEstimator::Workspace {
   std::vector<double> squared;  // residuals of all
   std::vector<int> active;
 
-  bool mark(double max_error_px, PoseEstimate* result) {
+  int mark(double max_error_px, PoseEstimate* result) {
     all.square(result->rig_from_world, &squared);
     return mark_inliers(squared, max_error_px, result);
   }
@@ -274,6 +275,8 @@ void PoseEstimator::refine(const Rig& rig, const PoseObservations& observations,
 void PoseEstimator::refine_loaded(const Rig& rig, const PoseObservations& observations,
                                   const PoseOptions& options, PoseEstimate* result) {
   constexpr int kMaxRounds = 4;
+  // Those at the threshold, of robust weight, come and go: one in so many moves nothing that noise would not.
+  constexpr int kFewOf = 100;
   constexpr int kFirstIterations = 1;  // the inliers will change: no use in converging
   Workspace& w = *workspace_;
   const auto load_inliers = [&] {
@@ -290,9 +293,9 @@ void PoseEstimator::refine_loaded(const Rig& rig, const PoseObservations& observ
   for (int round = 0; round < kMaxRounds; ++round) {
     const int iterations = round == 0 ? kFirstIterations : options.max_refinements;
     minimise_pose(w.some, options.loss, iterations, &result->rig_from_world);
-    const bool changed = w.mark(options.max_error_px, result);
-    if (!changed && round > 0) break;
-    if (changed && !load_inliers()) return;
+    const int changed = w.mark(options.max_error_px, result);
+    if (changed > 0 && !load_inliers()) return;
+    if (round > 0 && changed * kFewOf <= result->inlier_count) break;
   }
   const auto normal = w.some.normal_equations(result->rig_from_world, {});
   result->problem = PoseProblem::kDegenerate;
