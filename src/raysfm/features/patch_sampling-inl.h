@@ -8,6 +8,9 @@
 
 #include <hwy/highway.h>
 
+#include <algorithm>
+#include <cstdlib>
+
 #include "raysfm/features/patch_window.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -34,10 +37,9 @@ constexpr int kWeightBits = 10;
 // A sample is a grey level times 2^kLevelBits.
 constexpr int kLevelBits = 6;
 
-// Writes kPadded samples. The window lies inside the image (affine_window()). Integers only: the same on
-// every instruction set.
+// Any window: each sample gathers its four pixels.
 template <int kRadius>
-HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
+HWY_INLINE void gather_affine(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
   namespace hn = hwy::HWY_NAMESPACE;
   static constexpr PatchOffsets<kRadius> kOffsets;
   const hn::CappedTag<int32_t, 16> d;
@@ -69,6 +71,152 @@ HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int1
     const auto sample = hn::Add(hn::ShiftLeft<kWeightBits>(a), hn::Mul(wy, hn::Sub(b, a)));
     hn::Store(hn::DemoteTo(shorts, hn::ShiftRight<kShift>(hn::Add(sample, half_level))), shorts, samples + i);
   }
+}
+
+// For each column c from `begin` on of a row of pixels: that of the offset in a column. The row is read in
+// two blocks of 16 bytes, from its first and from its second on, which is that of columns 8 to 15.
+struct RowPixels {
+  const uint8_t* first;
+  const uint8_t* second;
+
+  template <class D, class V>
+  HWY_INLINE V take(D d, int c, V offset) const {
+    namespace hn = hwy::HWY_NAMESPACE;
+    const uint8_t* own = c < 8 ? first : second;
+#if HWY_TARGET == HWY_SCALAR
+    return hn::Set(d, own[hn::GetLane(offset)]);
+#else
+    const hn::Repartition<uint8_t, D> bytes;
+    const auto index = hn::Or(offset, hn::Set(d, static_cast<int16_t>(-32768)));  // no upper byte
+    return hn::BitCast(d, hn::TableLookupBytesOr0(load(bytes, own), hn::BitCast(bytes, index)));
+#endif
+  }
+
+#if HWY_TARGET != HWY_SCALAR
+ private:
+  template <class D>
+  HWY_INLINE hwy::HWY_NAMESPACE::Vec<D> load(D d, const uint8_t* own) const {
+    namespace hn = hwy::HWY_NAMESPACE;
+    if constexpr (hn::MaxLanes(D()) > 16) {
+      const hn::Half<D> half;
+      return hn::Combine(d, hn::LoadU(half, second), hn::LoadU(half, first));
+    } else {
+      return hn::LoadU(d, own);
+    }
+  }
+#endif
+};
+
+// A window that is turned and stretched little, as most are, in two passes without a gather, which is slow or
+// made slow on most processors: along the rows of the image, at the columns of the patch, and then along
+// those. Numbers are columns c and rows r of the patch, and rows y of the image.
+template <int kRadius>
+class RowSampler {
+  using Shorts = hwy::HWY_NAMESPACE::CappedTag<int16_t, 16>;
+  static constexpr int kSide = 2 * kRadius + 1, kRow = 16, kMaxRows = 32, kBlock = 8;
+  static_assert(kSide <= kRow && kSide * (kSide - 1) + kRow <= PatchOffsets<kRadius>::kPadded);
+  static constexpr int kOne = 1 << kFixedBits, kXBits = 11, kYBits = 12;
+
+ public:
+  // False where the window is too unlike the pixels.
+  HWY_INLINE bool plan(const GrayView& image, const AffineWindow& w) {
+    if (w.m11 < kOne / 2 || w.m11 > kOne * 9 / 5) return false;
+    const int64_t shear = int64_t{w.m01} * kOne / w.m11;
+    const int64_t step = w.m00 - (shear * w.m10 >> kFixedBits);
+    rise_ = std::abs(w.m10) * kRadius;
+    if (std::abs(shear) > kOne / 2 || step < kOne / 2 || step > kOne * 9 / 5 || rise_ >= kOne) return false;
+    shear_ = static_cast<int>(shear), step_ = static_cast<int>(step);
+    top_ = w.y - w.m11 * kRadius - rise_;
+    first_row_ = top_ >> kFixedBits;
+    rows_ = ((w.y + w.m11 * kRadius + rise_) >> kFixedBits) + 2 - first_row_;
+    const int64_t down = int64_t{first_row_} * kOne - w.y;
+    left_ = w.x - step_ * kRadius + static_cast<int>(shear * down >> kFixedBits);
+    const int right = std::max(left_, left_ + shear_ * rows_) + step_ * kBlock;
+    return first_row_ >= 0 && first_row_ + rows_ <= image.height && rows_ <= kMaxRows &&
+           std::min(left_, left_ + shear_ * rows_) >= 0 && (right >> kFixedBits) + kRow <= image.width;
+  }
+
+  HWY_INLINE void sample(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
+    along_rows(image);
+    along_columns(w, samples);
+  }
+
+ private:
+  HWY_INLINE void along_rows(const GrayView& image) {
+    namespace hn = hwy::HWY_NAMESPACE;
+    const Shorts d;
+    // Columns from the block's first byte on, beside what the row adds.
+    alignas(64) int16_t column[kRow];
+    const int second = step_ * kBlock >> kFixedBits;
+    for (int c = 0; c < kRow; ++c) {
+      const int block = c < kBlock ? 0 : second << kFixedBits;
+      column[c] = static_cast<int16_t>((step_ * c - block) >> (kFixedBits - kXBits));
+    }
+    const auto fraction = hn::Set(d, (1 << kXBits) - 1), one = hn::Set(d, 1);
+    int x = left_;
+    for (int y = 0; y < rows_; ++y, x += shear_) {
+      const uint8_t* begin = image.row(first_row_ + y) + (x >> kFixedBits);
+      const RowPixels pixels{begin, begin + second};
+      const auto part = hn::Set(d, static_cast<int16_t>((x & (kOne - 1)) >> (kFixedBits - kXBits)));
+      for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(d))) {
+        const auto at = hn::Add(part, hn::Load(d, column + c));
+        const auto column_there = hn::ShiftRight<kXBits>(at);
+        const auto left = hn::ShiftLeft<kLevelBits>(pixels.take(d, c, column_there));
+        const auto right = hn::ShiftLeft<kLevelBits>(pixels.take(d, c, hn::Add(column_there, one)));
+        const auto weight = hn::ShiftLeft<15 - kXBits>(hn::And(at, fraction));
+        hn::Store(hn::Add(left, hn::MulFixedPoint15(hn::Sub(right, left), weight)), d,
+                  rows_of_ + y * kRow + c);
+      }
+    }
+  }
+
+  HWY_INLINE void along_columns(const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
+    namespace hn = hwy::HWY_NAMESPACE;
+    const Shorts d;
+    alignas(64) int16_t height[kRow];  // of the columns, from the highest on
+    for (int c = 0; c < kRow; ++c) {
+      height[c] =
+          static_cast<int16_t>((w.m10 * (std::min(c, kSide - 1) - kRadius) + rise_) >> (kFixedBits - kYBits));
+    }
+    const auto one = hn::Set(d, 1 << kYBits), zero = hn::Zero(d);
+    int y = top_ - first_row_ * kOne;
+    for (int r = 0; r < kSide; ++r, y += w.m11) {
+      const int first = y >> kFixedBits, last = (y + 2 * rise_) >> kFixedBits;
+      const auto part = hn::Set(d, static_cast<int16_t>((y & (kOne - 1)) >> (kFixedBits - kYBits)));
+      for (int c = 0; c < kSide; c += static_cast<int>(hn::Lanes(d))) {
+        auto below = hn::Add(part, hn::Load(d, height + c));  // the row
+        auto sum = zero;
+        for (int k = first; k <= last + 1; ++k) {
+          const auto weight = hn::ShiftLeft<14 - kYBits>(hn::Max(zero, hn::Sub(one, hn::Abs(below))));
+          const auto level = hn::Load(d, rows_of_ + k * kRow + c);
+          sum = hn::Add(sum, hn::MulFixedPoint15(level, hn::SaturatedAdd(weight, weight)));
+          below = hn::Sub(below, one);
+        }
+        hn::StoreU(sum, d, samples + r * kSide + c);
+      }
+    }
+  }
+
+  int shear_, step_;      // columns by row of the image, and by column of the patch
+  int rise_;              // by which the middle of the patch is below its highest end
+  int top_, left_;        // of the highest sample; column of the first, at the first row
+  int first_row_, rows_;  // of the image
+  alignas(64) int16_t rows_of_[kMaxRows * kRow];
+};
+
+template <int kRadius>
+HWY_INLINE bool sample_by_rows(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
+  RowSampler<kRadius> sampler;
+  if (!sampler.plan(image, w)) return false;
+  sampler.sample(image, w, samples);
+  return true;
+}
+
+// Writes kPadded samples, of which those behind the patch do not matter. The window lies inside the image
+// (affine_window()). Integers only: the same on every instruction set.
+template <int kRadius>
+HWY_INLINE void sample_affine(const GrayView& image, const AffineWindow& w, int16_t* HWY_RESTRICT samples) {
+  if (!sample_by_rows<kRadius>(image, w, samples)) gather_affine<kRadius>(image, w, samples);
 }
 
 }  // namespace HWY_NAMESPACE
