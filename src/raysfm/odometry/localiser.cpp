@@ -191,30 +191,43 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
   }
 }
 
-void Localiser::clear_observations() {
-  points_.clear();
-  pixels_.clear();
-  cameras_.clear();
-  rays_.clear();
-  sigmas_.clear();
+// By how much a rolling shutter moved each of what was seen.
+void Localiser::work_out_offsets(const Map& map, const Rigid3& about) {
+  for (int c = 0; c < rig_.size(); ++c) {
+    of_camera_.clear(), in_rig_.clear(), pixels_.clear();
+    for (size_t i = 0; i < seen_.size(); ++i) {
+      if (seen_[i].camera != c) continue;
+      of_camera_.push_back(static_cast<int>(i));
+      in_rig_.push_back(about * map.tracks[seen_[i].track].position);
+      pixels_.push_back(seen_[i].pixel.cast<double>());
+    }
+    camera_offsets_.resize(of_camera_.size());
+    scan_offsets(rig_, c, in_rig_, velocity_, pixels_, camera_offsets_);
+    for (size_t k = 0; k < of_camera_.size(); ++k) offsets_[of_camera_[k]] = camera_offsets_[k];
+  }
 }
 
-// False where the pixel has no ray to measure an angle from. `about`: a first pose of the rig.
-bool Localiser::add_observation(const Map& map, const TrackPixel& seen, const Rigid3& about) {
-  const Eigen::Vector3d& position = map.tracks[seen.track].position;
-  Eigen::Vector2f pixel = seen.pixel;
-  if (rig_.scans())
-    pixel -= scan_offset(rig_, seen.camera, about * position, velocity_, pixel.cast<double>());
-  if (rig_.angular()) {
-    ObservedRay ray;
-    if (!rig_.observe(seen.camera, pixel, &ray)) return false;
-    rays_.push_back(ray);
+// Observations of what was seen, but where the pixel has no ray to measure an angle from. `about`: a first
+// pose of the rig.
+void Localiser::make_observations(const Map& map, const Rigid3& about) {
+  offsets_.assign(seen_.size(), Eigen::Vector2f::Zero());
+  if (rig_.scans()) work_out_offsets(map, about);
+  points_.clear(), pixels_.clear(), cameras_.clear(), rays_.clear(), sigmas_.clear();
+  kept_.clear();
+  for (size_t i = 0; i < seen_.size(); ++i) {
+    const TrackPixel& seen = seen_[i];
+    const Eigen::Vector2f pixel = seen.pixel - offsets_[i];
+    if (rig_.angular()) {
+      ObservedRay ray;
+      if (!rig_.observe(seen.camera, pixel, &ray)) continue;
+      rays_.push_back(ray);
+    }
+    kept_.push_back(static_cast<int>(i));
+    points_.push_back(map.tracks[seen.track].position);
+    pixels_.push_back(pixel.cast<double>());
+    cameras_.push_back(seen.camera);
+    sigmas_.push_back(octave_side(seen.octave));
   }
-  points_.push_back(position);
-  pixels_.push_back(pixel.cast<double>());
-  cameras_.push_back(seen.camera);
-  sigmas_.push_back(octave_side(seen.octave));
-  return true;
 }
 
 // Pose from the observations.
@@ -232,11 +245,10 @@ bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
 Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
                                           const Rigid3& about) {
   Localisation out;
-  clear_observations();
+  seen_.assign(matches.begin(), matches.end());
+  make_observations(map, about);
   aligned_.clear();
-  for (const TrackPixel& m : matches) {
-    if (add_observation(map, m, about)) aligned_.push_back({m, false});
-  }
+  for (const int i : kept_) aligned_.push_back({matches[i], false});
   out.ok = estimate(nullptr, frame, kCornerError);
   if (!out.ok) {
     out.reason = fmt::format("{} of {} corners agree on a pose", estimate_.inlier_count, points_.size());
@@ -261,10 +273,11 @@ void Localiser::align_some(int coarser, int most, const Map& map, std::span<cons
     starts_.push_back(q.predicted);
   }
   matcher_.align(views, queries_, starts_, view, kFirstAlignment, &alignments_, FinerOctaves::kLeft);
-  clear_observations();
+  seen_.clear();
   for (size_t i = 0; i < queries_.size(); ++i) {
-    if (alignments_[i].converged) add_observation(map, seen_at(queries_[i], alignments_[i]), rig_from_world);
+    if (alignments_[i].converged) seen_.push_back(seen_at(queries_[i], alignments_[i]));
   }
+  make_observations(map, rig_from_world);
 }
 
 void Localiser::clear_open() {
@@ -326,18 +339,22 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
     predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
     align_queries(views, view, found);
     if (focus == Focus::kBlurred) align_blurred(views, view);
+    seen_.clear();
+    found_queries_.clear();
+    for (size_t i = 0; i < queries_.size(); ++i) {
+      if (!alignments_[i].converged) continue;
+      seen_.push_back(seen_at(queries_[i], alignments_[i]));
+      found_queries_.push_back(static_cast<int>(i));
+    }
+    make_observations(map, estimate_.rig_from_world);
     aligned_.clear();
     aligned_point_.clear();
     aligned_coarser_.clear();
-    clear_observations();
-    for (size_t i = 0; i < queries_.size(); ++i) {
-      const PatchQuery& q = queries_[i];
-      if (!alignments_[i].converged) continue;
-      const TrackPixel seen = seen_at(q, alignments_[i]);
-      if (!add_observation(map, seen, estimate_.rig_from_world)) continue;
-      aligned_.push_back({seen, local.points[q.point].in_anchor});
+    for (const int i : kept_) {
+      const PatchQuery& q = queries_[found_queries_[i]];
+      aligned_.push_back({seen_[i], local.points[q.point].in_anchor});
       aligned_point_.push_back(q.point);
-      aligned_coarser_.push_back(seen.octave > q.octave);
+      aligned_coarser_.push_back(seen_[i].octave > q.octave);
     }
   }
   return refine_estimate();
@@ -380,10 +397,9 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     ScopedTimer timer(match_timing);
     predict(map, views, local, view, predicted_rig_from_world, range.radius_px, range.coarse_points);
     matcher_.match(views, queries_, view, kMinPoseZncc, &corners_);
-    clear_observations();
-    for (const GuidedMatch& m : corners_) {
-      add_observation(map, seen_at(queries_[m.query], m), predicted_rig_from_world);
-    }
+    seen_.clear();
+    for (const GuidedMatch& m : corners_) seen_.push_back(seen_at(queries_[m.query], m));
+    make_observations(map, predicted_rig_from_world);
   }
   Localisation out;
   if (!estimate(&predicted_rig_from_world, view.frame, kCornerError)) {
@@ -419,10 +435,11 @@ Localisation Localiser::follow(const Map& map, std::span<const KeyFrameView> vie
 Localisation Localiser::follow_again(const Map& map, std::span<const KeyFrameView> views,
                                      const LocalMap& local, const View& view, const Rigid3& predicted,
                                      std::span<const PointMatch> found) {
-  clear_observations();
+  seen_.clear();
   for (const PointMatch& m : found) {
-    if (map.tracks[m.track].triangulated) add_observation(map, m, predicted);
+    if (map.tracks[m.track].triangulated) seen_.push_back(m);
   }
+  make_observations(map, predicted);
   estimate_.rig_from_world = predicted;
   if (!refine_estimate()) return {};
   return align_all(map, views, local, view, found);
@@ -446,10 +463,11 @@ Localisation Localiser::align_all(const Map& map, std::span<const KeyFrameView> 
 
 bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigid3* rig_from_world,
                        Matrix6d* covariance) {
-  clear_observations();
+  seen_.clear();
   for (const TrackPixel& m : matches) {
-    if (map.tracks[m.track].triangulated) add_observation(map, m, *rig_from_world);
+    if (map.tracks[m.track].triangulated) seen_.push_back(m);
   }
+  make_observations(map, *rig_from_world);
   estimate_.rig_from_world = *rig_from_world;
   if (!refine_estimate()) return false;
   *rig_from_world = estimate_.rig_from_world;

@@ -123,8 +123,8 @@ class Localiser {
                const Rigid3& rig_from_world, float radius, int max_points);
   void predict_in(int camera, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                   const View& view, const Rigid3& rig_from_world, float radius, int step);
-  void clear_observations();
-  bool add_observation(const Map& map, const TrackPixel& seen, const Rigid3& about);
+  void work_out_offsets(const Map& map, const Rigid3& about);
+  void make_observations(const Map& map, const Rigid3& about);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
   bool estimate(const Rigid3* prior, int frame, double max_error_px);
   void align_some(int coarser, int most, const Map& map, std::span<const KeyFrameView> views,
@@ -157,6 +157,12 @@ class Localiser {
   std::vector<PatchQuery> open_queries_;  // those without
   std::vector<int> open_;                 // their indices
   std::vector<AlignedPatch> open_alignments_;
+  std::vector<TrackPixel> seen_;    // what observations are made of
+  std::vector<int> found_queries_;  // the queries that these were found for
+  std::vector<int> kept_;           // which of them the observations are
+  std::vector<int> of_camera_;      // which of them a camera saw, and there:
+  std::vector<Eigen::Vector3d> in_rig_;
+  std::vector<Eigen::Vector2f> camera_offsets_, offsets_;  // of a rolling shutter
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2d> pixels_;
   std::vector<int> cameras_;

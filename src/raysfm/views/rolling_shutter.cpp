@@ -1,9 +1,11 @@
 #include "raysfm/views/rolling_shutter.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/residuals/block_residual.h"
 
 namespace raysfm {
 namespace {
@@ -25,12 +27,41 @@ Eigen::Vector3d rotate(const Eigen::Vector3d& omega, const Eigen::Vector3d& x) {
   return x + by_sine * across + by_cosine * omega.cross(across);
 }
 
+Eigen::Vector3d moved(const Eigen::Vector3d& point_in_rig, const Velocity& velocity, double seconds) {
+  return rotate(seconds * velocity.tail<3>(), point_in_rig) + seconds * velocity.head<3>();
+}
+
 // Pixel of a point that is seen some time after the instant.
 bool find_after(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
                 const Velocity& velocity, double seconds, Eigen::Vector2d* pixel) {
-  const Eigen::Vector3d later =
-      rotate(seconds * velocity.tail<3>(), point_in_rig) + seconds * velocity.head<3>();
-  return rig.find(camera, rig.cam_from_rig(camera) * later, pixel);
+  return rig.find(camera, rig.cam_from_rig(camera) * moved(point_in_rig, velocity, seconds), pixel);
+}
+
+// Of a camera that projects: residuals of pixels at the origin are where points are seen.
+void offsets_by_eights(const Camera& camera, std::span<const Eigen::Vector3d> points_in_rig,
+                       const Velocity& velocity, std::span<const Eigen::Vector2d> pixels,
+                       std::span<Eigen::Vector2f> offsets) {
+  static constexpr double kOrigin[kBlockLanes] = {};
+  with_pixel_residual(camera, kOrigin, kOrigin, [&](const BlockResidual& projection) {
+    ResidualBlock at_instant, seen;
+    for (size_t begin = 0; begin < offsets.size(); begin += kBlockLanes) {
+      const size_t count = std::min<size_t>(kBlockLanes, offsets.size() - begin);
+      for (size_t k = 0; k < kBlockLanes; ++k) {
+        const size_t i = begin + std::min(k, count - 1);
+        const Eigen::Vector3d later = moved(points_in_rig[i], velocity, camera.exposed_after(pixels[i]));
+        for (int c = 0; c < 3; ++c) at_instant.x[c][k] = points_in_rig[i][c], seen.x[c][k] = later[c];
+      }
+      projection.evaluate(0, false, &at_instant);
+      projection.evaluate(0, false, &seen);
+      for (size_t k = 0; k < count; ++k) {
+        offsets[begin + k].setZero();
+        if (!std::isfinite(at_instant.squared[k]) || !std::isfinite(seen.squared[k])) continue;
+        for (int c = 0; c < 2; ++c) {
+          offsets[begin + k][c] = static_cast<float>(seen.residual[c][k] - at_instant.residual[c][k]);
+        }
+      }
+    }
+  });
 }
 
 }  // namespace
@@ -52,15 +83,20 @@ Velocity velocity_at(const TimedPose& pose, std::span<const TimedPose> others) {
   return velocity;
 }
 
-Eigen::Vector2f scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
-                            const Velocity& velocity, const Eigen::Vector2d& pixel) {
-  const double seconds = rig.camera(camera).exposed_after(pixel);
-  Eigen::Vector2d at_instant, seen;
-  if (seconds == 0 || !find_after(rig, camera, point_in_rig, velocity, 0, &at_instant) ||
-      !find_after(rig, camera, point_in_rig, velocity, seconds, &seen)) {
-    return Eigen::Vector2f::Zero();
+void scan_offsets(const TrackingRig& rig, int camera, std::span<const Eigen::Vector3d> points_in_rig,
+                  const Velocity& velocity, std::span<const Eigen::Vector2d> pixels,
+                  std::span<Eigen::Vector2f> offsets) {
+  if (rig.camera(camera).can_project()) {
+    offsets_by_eights(rig.camera(camera), points_in_rig, velocity, pixels, offsets);
+    return;
   }
-  return (seen - at_instant).cast<float>();
+  for (size_t i = 0; i < offsets.size(); ++i) {
+    const double seconds = rig.camera(camera).exposed_after(pixels[i]);
+    Eigen::Vector2d at_instant, seen;
+    const bool is_told = find_after(rig, camera, points_in_rig[i], velocity, 0, &at_instant) &&
+                         find_after(rig, camera, points_in_rig[i], velocity, seconds, &seen);
+    offsets[i] = is_told ? Eigen::Vector2f((seen - at_instant).cast<float>()) : Eigen::Vector2f::Zero();
+  }
 }
 
 Eigen::Vector2f predict_scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,

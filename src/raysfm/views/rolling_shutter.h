@@ -22,12 +22,14 @@ struct TimedPose {
 Velocity velocity_at(const TimedPose& pose, std::span<const TimedPose> others);
 
 // By how much a rolling shutter moves what a camera sees from where it would be at the instant of the frame:
-// a point, in the rig's frame at that instant, that is seen at `pixel`. Zero where that cannot be told.
-Eigen::Vector2f scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
-                            const Velocity& velocity, const Eigen::Vector2d& pixel);
+// points, in the rig's frame at that instant, that are seen at `pixels`. Zero where that cannot be told. All
+// spans have one size.
+void scan_offsets(const TrackingRig& rig, int camera, std::span<const Eigen::Vector3d> points_in_rig,
+                  const Velocity& velocity, std::span<const Eigen::Vector2d> pixels,
+                  std::span<Eigen::Vector2f> offsets);
 
-// The same where it is not known at which pixel the point is seen, to a hundredth of a pixel, but where it
-// would be seen at the instant.
+// The same for a point of which it is not known at which pixel it is seen, to a hundredth of a pixel, but
+// where it would be seen at the instant.
 Eigen::Vector2f predict_scan_offset(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
                                     const Velocity& velocity, const Eigen::Vector2d& at_instant);
 

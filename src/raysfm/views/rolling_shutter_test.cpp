@@ -19,6 +19,13 @@ Camera scanning_camera(RollingShutter::Direction direction) {
   return camera;
 }
 
+Eigen::Vector2f scan_offset(const TrackingRig& rig, const Eigen::Vector3d& point_in_rig,
+                            const Velocity& velocity, const Eigen::Vector2d& pixel) {
+  Eigen::Vector2f offset;
+  scan_offsets(rig, 0, {&point_in_rig, 1}, velocity, {&pixel, 1}, {&offset, 1});
+  return offset;
+}
+
 // A motion whose velocity at time zero is known: a screw.
 Rigid3 screw(const Velocity& velocity, double time) {
   return retract(Rigid3{exp_so3({0.3, 0.2, -0.4}), {1, 2, 3}}, time * velocity);
@@ -79,7 +86,7 @@ TEST_P(ScanOffset, LeadsFromTheInstantToTheTimeOfThePixel) {
       ASSERT_TRUE(camera.project(cam_from_rig * (later * in_rig), &seen));
     }
     EXPECT_GT((seen - corner).norm(), 1);
-    const Eigen::Vector2f offset = scan_offset(rig, 0, in_rig, some_velocity(), seen);
+    const Eigen::Vector2f offset = scan_offset(rig, in_rig, some_velocity(), seen);
     EXPECT_LT((seen - offset.cast<double>() - corner).norm(), 1e-4);
     const Eigen::Vector2f predicted = predict_scan_offset(rig, 0, in_rig, some_velocity(), corner);
     EXPECT_LT((predicted - offset).norm(), 0.01);
@@ -108,14 +115,14 @@ TEST(RollingShutter, NothingMovesWhereAllIsExposedAtOnce) {
   camera.shutter = {};
   const TrackingRig rig(Rig{{camera}});
   EXPECT_FALSE(rig.scans());
-  EXPECT_EQ(scan_offset(rig, 0, {0.2, 0.1, 3}, some_velocity(), {10, 10}), Eigen::Vector2f::Zero());
+  EXPECT_EQ(scan_offset(rig, {0.2, 0.1, 3}, some_velocity(), {10, 10}), Eigen::Vector2f::Zero());
   camera.shutter.readout = 0.01;
   EXPECT_TRUE(TrackingRig(Rig{{camera}}).scans());
 }
 
 TEST(RollingShutter, PointsBehindTheCameraAreLeft) {
   const TrackingRig rig(Rig{{scanning_camera(RollingShutter::Direction::kDown)}});
-  EXPECT_EQ(scan_offset(rig, 0, {0, 0, -3}, some_velocity(), {10, 10}), Eigen::Vector2f::Zero());
+  EXPECT_EQ(scan_offset(rig, {0, 0, -3}, some_velocity(), {10, 10}), Eigen::Vector2f::Zero());
   EXPECT_EQ(predict_scan_offset(rig, 0, {0, 0, -3}, some_velocity(), {320, 240}), Eigen::Vector2f::Zero());
   EXPECT_EQ(image_velocity(rig, 0, {0, 0, -3}, some_velocity()), Eigen::Vector2d::Zero());
 }

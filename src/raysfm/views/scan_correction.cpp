@@ -1,5 +1,7 @@
 #include "raysfm/views/scan_correction.h"
 
+#include <vector>
+
 #include "raysfm/scene/map_measures.h"
 
 namespace raysfm {
@@ -14,29 +16,54 @@ void set_scan_offset(const TrackingRig& rig, int feature, const Eigen::Vector2f&
   }
 }
 
+namespace {
+
+// The point of a feature in the rig's frame at the instant. False where its pixel has no ray.
+bool point_of(const TrackingRig& rig, const Map& map, const MapKeyFrame& k, int f, double usual_distance,
+              const KeyFrameView* view, Eigen::Vector3d* point_in_rig) {
+  const Camera& camera = rig.camera(k.cameras[f]);
+  Ray ray;
+  if (k.tracks[f] >= 0 && map.tracks[k.tracks[f]].triangulated) {
+    *point_in_rig = k.rig_from_world * map.tracks[k.tracks[f]].position;
+  } else if (view) {
+    *point_in_rig = camera.rig_from_cam * point_on_ray(*view, f, usual_distance);
+  } else if (camera.ray(k.pixels[f].cast<double>(), &ray)) {
+    *point_in_rig = camera.rig_from_cam * (ray.origin + usual_distance * ray.direction);
+  } else {
+    return false;
+  }
+  return true;
+}
+
+}  // namespace
+
 void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map,
                   KeyFrameView* view) {
   constexpr float kStill = 0.002f;  // pixels
   if (!rig.scans()) return;
   MapKeyFrame& k = map->keyframes[keyframe];
   const double usual_distance = median_distance(k, *map);
-  for (int f = first; f < k.size(); ++f) {
-    const int camera = k.cameras[f];
-    const Eigen::Vector2d pixel = k.pixels[f].cast<double>();
-    Eigen::Vector3d point_in_rig;
-    if (k.tracks[f] >= 0 && map->tracks[k.tracks[f]].triangulated) {
-      point_in_rig = k.rig_from_world * map->tracks[k.tracks[f]].position;
-    } else if (Ray ray; view) {
-      point_in_rig = rig.camera(camera).rig_from_cam * point_on_ray(*view, f, usual_distance);
-    } else if (rig.camera(camera).ray(pixel, &ray)) {
-      point_in_rig = rig.camera(camera).rig_from_cam * (ray.origin + usual_distance * ray.direction);
-    } else {
-      continue;
+  std::vector<int> features;
+  std::vector<Eigen::Vector3d> points_in_rig;
+  std::vector<Eigen::Vector2d> pixels;
+  std::vector<Eigen::Vector2f> offsets;
+  for (int c = 0; c < rig.size(); ++c) {
+    features.clear(), points_in_rig.clear(), pixels.clear();
+    for (int f = first; f < k.size(); ++f) {
+      Eigen::Vector3d point_in_rig;
+      if (k.cameras[f] != c || !point_of(rig, *map, k, f, usual_distance, view, &point_in_rig)) continue;
+      features.push_back(f);
+      points_in_rig.push_back(point_in_rig);
+      pixels.push_back(k.pixels[f].cast<double>());
     }
-    const Eigen::Vector2f offset = scan_offset(rig, camera, point_in_rig, velocity, pixel);
-    if ((k.pixels[f] - k.instant_pixel(f) - offset).squaredNorm() < kStill * kStill) continue;
-    set_scan_offset(rig, f, offset, &k);
-    if (view) renew_ray(rig, k, f, view);
+    offsets.resize(features.size());
+    scan_offsets(rig, c, points_in_rig, velocity, pixels, offsets);
+    for (size_t i = 0; i < features.size(); ++i) {
+      const int f = features[i];
+      if ((k.pixels[f] - k.instant_pixel(f) - offsets[i]).squaredNorm() < kStill * kStill) continue;
+      set_scan_offset(rig, f, offsets[i], &k);
+      if (view) renew_ray(rig, k, f, view);
+    }
   }
 }
 
