@@ -15,6 +15,10 @@ constexpr double kTold = 0.5;
 constexpr double kLeastEffect = 0.01;
 // Standard deviations by which a number must be off to be changed.
 constexpr double kSignificant = 4;
+// The same of a readout along the longer side of the image. Sensors are read row by row, and their rows are
+// the longer side, unless a picture was cropped since: on kitti07, whose shutter does not roll, other errors
+// look like such a readout of 4 to 5 standard deviations.
+constexpr double kSurely = 8;
 // Standard deviations of its prior by which a focal length is that of another lens, and what the prior is
 // then multiplied by.
 constexpr double kContradiction = 4, kAnotherLens = 10;
@@ -104,6 +108,11 @@ bool is_readout(const RigParameters& parameters, int i) {
   return parameters[i].kind == RigParameters::Kind::kReadout;
 }
 
+bool is_along_longer_side(const RigParameters& parameters, int readout) {
+  const Camera& camera = parameters.given().cameras[parameters[readout].camera];
+  return parameters[readout].index == 0 ? camera.height > camera.width : camera.width > camera.height;
+}
+
 // With all readouts held but one; -1: but none.
 CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
                                       CalibrationEvidence evidence) {
@@ -132,6 +141,7 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
     if (!is_readout(parameters, i)) continue;
     CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
+    if (choice.significance[i] < kSurely && is_along_longer_side(parameters, i)) continue;
     most = choice.significance[i];
     best = std::move(choice);
   }

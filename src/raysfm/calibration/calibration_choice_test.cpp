@@ -111,6 +111,31 @@ TEST_F(ChoiceTest, AChangeThatMovesNextToNothingIsNotWorthIt) {
   EXPECT_FALSE(is_worth_it(choose_calibration(parameters, e)));
 }
 
+// What looks like a readout along the longer side is more likely something else.
+TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
+  const auto finds = [](int width, int height, int readout, double standard_deviations) {
+    Rig rig = pinhole_rig();
+    rig.cameras[0].width = width, rig.cameras[0].height = height;
+    const RigParameters unknowns(rig, 1, {.readout = 0.02});
+    const int i = unknowns.size() - 2 + readout;
+    Eigen::VectorXd truth = Eigen::VectorXd::Zero(unknowns.size());
+    Eigen::VectorXd sigma = Eigen::VectorXd::Constant(unknowns.size(), INFINITY);
+    truth[i] = 0.015;
+    sigma[i] = truth[i] / standard_deviations / std::sqrt(2);  // beside the scatter of residuals
+    CalibrationEvidence evidence = evidence_for(truth, sigma);
+    evidence.lens_scatter = evidence.scatter;
+    return choose_calibration(unknowns, evidence).values[i] != 0;
+  };
+  constexpr int kDown = 0, kRight = 1;
+  EXPECT_TRUE(finds(640, 480, kDown, 6));
+  EXPECT_FALSE(finds(640, 480, kRight, 6));
+  EXPECT_TRUE(finds(640, 480, kRight, 10));
+  EXPECT_FALSE(finds(480, 640, kDown, 6));
+  EXPECT_TRUE(finds(480, 640, kRight, 6));
+  EXPECT_TRUE(finds(480, 480, kDown, 6));
+  EXPECT_TRUE(finds(480, 480, kRight, 6));
+}
+
 TEST_F(ChoiceTest, AnotherLensIsNoticed) {
   sigma[kFocal] = 0.003;
   truth[kFocal] = 0.05;
