@@ -15,9 +15,13 @@ constexpr double kTold = 0.5;
 constexpr double kLeastEffect = 0.01;
 // Standard deviations by which a number must be off to be changed.
 constexpr double kSignificant = 4;
-// The same of a readout along the longer side of the image. Sensors are read row by row, and their rows are
-// the longer side, unless a picture was cropped since: on kitti07, whose shutter does not roll, other errors
-// look like such a readout of 4 to 5 standard deviations.
+// Logarithm of the odds at which other numbers than those changed before are changed instead. Over twenty key
+// frames a focal length and distortion explain the same about as well, and each change would lead to the
+// other.
+constexpr double kSurelyAnother = 10;
+// Standard deviations by which a readout must be off along the longer side of the image. Sensors are read row
+// by row, and their rows are the longer side, unless a picture was cropped since: on kitti07, whose shutter
+// does not roll, other errors look like such a readout of 4 to 5 standard deviations.
 constexpr double kSurely = 8;
 // Standard deviations of its prior by which a focal length is that of another lens, and what the prior is
 // then multiplied by.
@@ -53,6 +57,36 @@ Posterior estimate(const CalibrationEvidence& e, const Eigen::VectorXd& prior_si
   return posterior;
 }
 
+// Leaves of the unknowns those that are surely off when the others are not. The least sure goes first, and
+// what `at` (empty: nothing) says is off already after all else.
+Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                      const Eigen::VectorXd& at, std::vector<int>* open) {
+  while (!open->empty()) {
+    const Posterior posterior = estimate(e, prior_sigma, *open);
+    int least = -1;
+    double lowest = 0;
+    bool is_off = true;
+    for (size_t k = 0; k < open->size(); ++k) {
+      const double significance2 = posterior.values[k] * posterior.values[k] / posterior.covariance(k, k);
+      const bool was_off = at.size() > 0 && at[(*open)[k]] != 0;
+      if (significance2 >= kSignificant * kSignificant || was_off > is_off) continue;
+      if (least >= 0 && was_off == is_off && significance2 >= lowest) continue;
+      least = static_cast<int>(k), lowest = significance2, is_off = was_off;
+    }
+    if (least < 0) return posterior;
+    open->erase(open->begin() + least);
+  }
+  return {};
+}
+
+// Logarithm of how likely the evidence is when these unknowns are off, against none (MacKay, Information
+// Theory 28.1).
+double log_evidence(const Posterior& p) {
+  if (p.values.size() == 0) return 0;
+  const Eigen::LDLT<Eigen::MatrixXd> factor(p.covariance);
+  return 0.5 * (p.values.dot(factor.solve(p.values)) + factor.vectorD().array().log().sum());
+}
+
 CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence) {
   const int m = static_cast<int>(prior_sigma.size());
   std::vector<int> open(m);
@@ -73,12 +107,14 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     choice.sigma[open[k]] = prior_sigma[open[k]] * sigma;
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
-  while (!open.empty()) {
-    posterior = estimate(evidence, prior_sigma, open);
-    const Eigen::ArrayXd variances = posterior.covariance.diagonal();
-    if ((posterior.values.array().square() / variances).minCoeff(&least) >= kSignificant * kSignificant)
-      break;
-    open.erase(open.begin() + least);
+  std::vector<int> kept = open;
+  posterior = significant(evidence, prior_sigma, {}, &open);
+  if (!evidence.at.isZero(0)) {
+    const Posterior as_before = significant(evidence, prior_sigma, evidence.at, &kept);
+    if (log_evidence(posterior) < log_evidence(as_before) + kSurelyAnother) {
+      posterior = as_before;
+      open = kept;
+    }
   }
   for (size_t k = 0; k < open.size(); ++k) {
     const int i = open[k];

@@ -111,6 +111,35 @@ TEST_F(ChoiceTest, AChangeThatMovesNextToNothingIsNotWorthIt) {
   EXPECT_FALSE(is_worth_it(choose_calibration(parameters, e)));
 }
 
+// A focal length and distortion that explain about the same: what was changed before stays changed, unless
+// the other is surely better.
+TEST_F(ChoiceTest, DoesNotGoFromOneExplanationToAnother) {
+  const double f = parameters[kFocal].prior_sigma, k1 = parameters[kK1].prior_sigma;
+  // `focal_part` of what is off is the focal length's, in standard deviations of the priors.
+  const auto changed = [&](double focal_part, const Eigen::VectorXd& before) {
+    constexpr double kObservations = 4000, kAlike = 0.99;
+    CalibrationEvidence e = evidence_for(truth, sigma);
+    e.information(kFocal, kFocal) = kObservations / (f * f);
+    e.information(kK1, kK1) = kObservations / (k1 * k1);
+    e.information(kFocal, kK1) = e.information(kK1, kFocal) = kAlike * kObservations / (f * k1);
+    e.scatter = e.information;
+    e.at = before;
+    Eigen::VectorXd off = Eigen::VectorXd::Zero(6);
+    off[kFocal] = focal_part * f, off[kK1] = (1 - focal_part) * k1;
+    e.gradient = e.information * (e.at - off);
+    const CalibrationChoice found = choose_calibration(parameters, e);
+    return std::pair(found.values[kFocal] != 0, found.values[kK1] != 0);
+  };
+  const Eigen::VectorXd nothing = Eigen::VectorXd::Zero(6);
+  Eigen::VectorXd focal = nothing, distortion = nothing;
+  focal[kFocal] = f, distortion[kK1] = k1;
+  EXPECT_EQ(changed(0.55, nothing), std::pair(true, false));
+  EXPECT_EQ(changed(0.55, focal), std::pair(true, false));
+  EXPECT_EQ(changed(0.55, distortion), std::pair(false, true));
+  EXPECT_EQ(changed(1, distortion), std::pair(true, false));
+  EXPECT_EQ(changed(0, focal), std::pair(false, true));
+}
+
 // What looks like a readout along the longer side is more likely something else.
 TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
   const auto finds = [](int width, int height, int readout, double standard_deviations) {
