@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -519,6 +520,52 @@ class WithoutCameraFile(TrackTest):
         report = json.loads((again / "report.json").read_text())
         self.assertEqual((report["lens_source"], report["lens_focal_px"]), ("camera file", None))
         self.assertEqual(report["frames"]["posed"], 60)
+
+    def test_zoom(self):
+        """The result is that of solve; with a map to be saved, which is of one lens, the user hears of it alone."""
+        camera = self.file("start.yaml", CAMERA.replace("[64, 48]", "[360, 270]").replace("50", "260")
+                           .replace("31.5", "179.5").replace("23.5", "134.5"))
+        room = self.folder / "room"
+        done = run("synth", "room", "--motion", "walk", "--frames", 80, "--length", 4, "--samples", 1, "--zoom", 1.4,
+                   "--camera", camera, "--out", room, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = run("track", room, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.stderr.count("warning"), 1, done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["command"], report["lens"], report["frames"]["posed"]), ("solve", "zooming", 80))
+        said = re.fullmatch(r"the camera zooms, its focal length is (\d+) to (\d+) px: .* raysfm solve, .*", report["warnings"][0])
+        self.assertLess(abs(int(said[1]) / 260 - 1), 0.04)
+        self.assertLess(abs(int(said[2]) / 364 - 1), 0.04)
+        for name in ("lens.csv", "lens.png", "config.yaml"):
+            self.assertTrue((self.out / name).exists(), name)
+        self.assertFalse((self.out / "camera.yaml").exists())
+        result = json.loads(run("eval", self.out / "trajectory.txt", room / "truth.txt", "--json").stdout)
+        self.assertLess(result["ate"]["rmse"], 0.01 * result["length_m"])
+        done = self.track(room, "--save-map", self.folder / "saved.map", "--fov", 65, out=self.folder / "one")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.folder / "one" / "report.json").read_text())
+        self.assertEqual(report["command"], "track")
+        self.assertIn("look as if the camera zoomed", report["warnings"][-1])
+
+    def test_fisheye(self):
+        """What two coefficients do not describe is not passed over in silence."""
+        camera = self.file("fisheye.yaml", """raysfm_camera: 1
+cameras:
+  - {name: c, model: kannala-brandt, resolution: [320, 240], intrinsics: {fx: 131, fy: 131, cx: 159.5, cy: 119.5, k1: 0, k2: 0, k3: 0, k4: 0}}
+""")
+        room = self.folder / "room"
+        done = run("synth", "room", "--motion", "walk", "--frames", 100, "--length", 4, "--samples", 1, "--camera", camera,
+                   "--out", room, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (room / "camera.yaml").unlink()
+        done = run("track", room, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stderr, r"warning: the lens was found to be 1\d\d degrees wide .* give its file with --camera")
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertIn("fisheyes", report["warnings"][-1])
+        done = run("solve", room, "--lens", "fixed", "--out", self.folder / "solved")
+        self.assertIn("degrees wide", done.stderr)
 
     def test_threads_change_nothing(self):
         for threads in (1, 3):

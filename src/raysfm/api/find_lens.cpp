@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "raysfm/api/solve_tracks.h"
+#include "raysfm/camera/camera_check.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
@@ -28,6 +29,9 @@ constexpr CalibrationPrior kTold{.focal = 0.1, .centre = 0.02, .rim = 0.05};
 // Between these lie the standard deviations of the other numbers of a lens that is found.
 constexpr CalibrationPrior kSurest{.centre = 0.002, .rim = 0.005}, kVaguest{.centre = 0.03, .rim = 0.03};
 constexpr double kLeastFov = 5, kMostFov = 150;  // degrees
+// Degrees of which k1 and k2 describe any lens: a fisheye of 140 degrees is found with 112 and one of 190
+// with 131, on paths that are 1 to 3 % wrong; one of 100 degrees is found with 98, and its path is right.
+constexpr double kWide = 105;
 
 double radians(double degrees) {
   return degrees * std::numbers::pi / 180;
@@ -42,6 +46,7 @@ struct Telling {
   std::optional<FoundLens> lens;
   std::string reason;
   bool reconstructed = true;
+  bool zooms = false;  // by the look of it; the lens is the best single one
 };
 
 bool is_long_enough(const TrackJoiner& joiner) {
@@ -126,9 +131,12 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
     return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
   }
   Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
+  const bool is_wide = !wide_lens_warning(telling.lens->camera).empty();
+  telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
   const double sigma = telling.lens->prior.focal;
   if (!(sigma <= kUsable)) {
-    telling = {{}, fmt::format("the focal length is known to {:.0f} % only", 100 * sigma)};
+    telling = {
+        {}, fmt::format("the focal length is known to {:.0f} % only", 100 * sigma), true, telling.zooms};
   }
   return telling;
 }
@@ -144,9 +152,17 @@ std::string described(const Telling& telling, int end) {
                      o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma);
 }
 
+// `frames`: of the whole input, -1: unknown.
+ZoomedStretch zoomed_stretch(const SolveInput& stretch, int first_frame, int frames) {
+  const auto count = static_cast<int>(stretch.names.size());
+  const auto keyframes = static_cast<double>(std::ranges::count(stretch.keyframe, 1));
+  return {first_frame, first_frame + count - 1,
+          frames < 0 ? INFINITY : keyframes * std::max(1.0, double(frames) / count)};
+}
+
 // The best of what stretch after stretch tells; none where the footage tells no lens, or to stop.
 Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
-                            const TrackCallbacks& callbacks) {
+                            const TrackCallbacks& callbacks, ZoomedStretch* zoom) {
   Telling best{{}, "interrupted"};
   int begin = 0, reconstructed = 0;
   for (int i = 0; i < kAllStretches && reconstructed < kStretches; ++i) {
@@ -159,11 +175,12 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     if (stretch->names.empty() || callbacks.stopped()) break;
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop);
     if (callbacks.stopped()) break;
+    if (telling.zooms) *zoom = zoomed_stretch(*stretch, begin, reader.source().frame_count());
     begin += static_cast<int>(stretch->names.size());
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
-    if (i == 0 || is_better(telling, best)) best = std::move(telling);
-    if (best.lens && best.lens->prior.focal <= kSure) break;
+    if (i == 0 || is_better(telling, best)) best = telling;
+    if (telling.zooms || (best.lens && best.lens->prior.focal <= kSure)) break;
   }
   return best;
 }
@@ -218,6 +235,17 @@ FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTr
   return lens;
 }
 
+std::string wide_lens_warning(const Camera& camera) {
+  const CameraFacts facts = camera_facts(camera);
+  const double wide = std::max(facts.fov_horizontal_deg, facts.fov_vertical_deg);
+  if (!(wide > kWide)) return "";
+  return fmt::format(
+      "the lens was found to be {:.0f} degrees wide by a model that does not hold for fisheyes: if it is "
+      "one, "
+      "poses are wrong by percents; calibrate it (raysfm camera calibrate) and give its file with --camera",
+      wide);
+}
+
 Result<void> check_fov(const TrackSettings& settings) {
   if (settings.fov == 0) return {};
   if (!settings.camera.empty()) {
@@ -227,7 +255,8 @@ Result<void> check_fov(const TrackSettings& settings) {
   return bad_input(fmt::format("--fov = {}: must be {} to {} degrees", settings.fov, kLeastFov, kMostFov));
 }
 
-Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks) {
+Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks,
+                            ZoomedStretch* zoom) {
   if (auto r = check_single(settings, input); !r) return r.error();
   const bool is_device = input.layout == "device";
   if (is_device && settings.fov == 0) {
@@ -246,7 +275,7 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     tell(callbacks.event, Event::Level::kInfo, "no camera file: the lens is looked for in the footage");
     auto reader = TrackReader::open(std::move(input), SolveSettings().features, settings.threads);
     if (!reader) return reader.error();
-    Result<Telling> asked = ask_footage(settings, **reader, callbacks);
+    Result<Telling> asked = ask_footage(settings, **reader, callbacks, zoom);
     if (!asked) return asked.error();
     telling = *std::move(asked);
   }

@@ -22,14 +22,26 @@ struct FoundLens {
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed);
 
+// What there is to say of a lens found by a model with k1 and k2 alone, where it is wider than these are good
+// for; empty of others.
+std::string wide_lens_warning(const Camera& camera);
+
 // Bad input for a field of view out of range, or one that is told beside a camera file.
 Result<void> check_fov(const TrackSettings& settings);
+
+// What find_lens() hears of a zoom.
+struct ZoomedStretch {
+  int first_frame = -1, last_frame = -1;  // of the stretch that shows it; -1: none does
+  double keyframes = 0;                   // of all that is there, as far as the stretch tells
+};
 
 // The lens of a video without a camera file: from the first stretch of the footage that tells it well, else
 // from the one that tells it best, else from the field of view that the settings tell. Reads the input,
 // perhaps to its end. Errors: bad input, where one camera's footage is not what is given or it cannot be read
 // twice; no reconstruction, where neither footage nor settings tell the lens, with the reason, or when told
-// to stop.
-Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks);
+// to stop. `zoom`, set whatever comes out: the stretch that looks as if the camera zoomed, if any; none after
+// it is read.
+Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks,
+                            ZoomedStretch* zoom);
 
 }  // namespace raysfm

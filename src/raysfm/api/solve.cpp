@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "raysfm/api/find_lens.h"
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_result.h"
@@ -35,6 +36,9 @@ Result<void> validate(SolveSettings settings) {
   if (!settings.structure.empty() && !is_tracks_file(settings.input)) {
     return bad_input(fmt::format("--structure = '{}': allowed with a file of tracks only, {} is none",
                                  settings.structure, settings.input));
+  }
+  if (!settings.range.is_all() && is_tracks_file(settings.input)) {
+    return bad_input(fmt::format("--from, --to: allowed with images only, {} holds tracks", settings.input));
   }
   if (!(settings.max_error > 0) || !std::isfinite(settings.max_error)) {
     return bad_input(fmt::format("--max-error = {}: must be above 0, in pixels", settings.max_error));
@@ -118,7 +122,13 @@ double posed_share(const Result<UncalibratedReconstruction>& found) {
   return static_cast<double>(posed) / static_cast<double>(found->image_posed.size());
 }
 
-void warn(const SolveResult& result, const EventSink& event) {
+void warn(const EventSink& event, SolveResult* solved) {
+  const SolveResult& result = *solved;
+  if (!result.report.lens->zooming && !result.reconstruction.lenses.empty()) {
+    const std::string wide = wide_lens_warning(result.reconstruction.lenses[0].camera);
+    tell(event, Event::Level::kWarning, wide);
+    if (!wide.empty()) solved->report.warnings.push_back(wide);
+  }
   if (!result.report.lens->degenerate.empty()) {
     tell(event, Event::Level::kWarning,
          fmt::format("the focal lengths are not determined by these images: {}",
@@ -219,6 +229,8 @@ std::vector<SettingField> setting_fields(SolveSettings& s) {
        &s.structure,
        {}},
       {"fps", "frames per second of inputs without timestamps", &s.fps, {}},
+      {"from", "seconds of a video at which to begin", &s.range.from, {}},
+      {"to", "seconds of a video at which to end; 0 for all of it", &s.range.to, {}},
       {"features", "corners in an image", &s.features, {}},
       {"max-error", "pixels by which an observation may be off", &s.max_error, {}},
       {"seed", "seed of every random choice", &s.seed, {}},
@@ -245,7 +257,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   const bool interrupted = input->interrupted || callbacks.stopped();
   SolveResult result =
       tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), settings, interrupted);
-  warn(result, callbacks.event);
+  warn(callbacks.event, &result);
   set_times(start, read_s, &result);
   return result;
 }

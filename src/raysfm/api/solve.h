@@ -24,6 +24,7 @@ struct SolveSettings {
   std::string size;       // of the images, "WIDTHxHEIGHT", for tracks in a file; empty: guessed from them
   std::string structure;  // CSV of known positions of the points of a file of tracks; empty: none known
   double fps = 0;         // frames per second of inputs without timestamps; 0: unknown
+  TimeRange range;        // the part of a video that is read
   int features = 1500;    // corners in an image, > 0
   double max_error = 3;   // pixels, of an inlier; > 0
   int threads = 0;        // 0: as many as the machine has; never changes a result

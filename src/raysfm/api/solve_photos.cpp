@@ -174,9 +174,11 @@ int poor_neighbours(const SolveInput& video, const SolveSettings& settings, cons
 
 // Why images that no video has are photos; empty where they all have one size, or cannot be read.
 std::string differing_sizes(const SolveSettings& settings) {
-  Result<Input> opened = open_input(
-      {settings.input},
-      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
+  Result<Input> opened = open_input({settings.input}, {.fps = settings.fps,
+                                                       .mono = true,
+                                                       .ignore_calibration = true,
+                                                       .threads = settings.threads,
+                                                       .range = settings.range});
   if (!opened) return "";
   FrameSource& source = *opened->streams[0];
   source.allow_any_size();
@@ -222,9 +224,11 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
 }
 
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  Result<Input> opened = open_input(
-      {settings.input},
-      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
+  Result<Input> opened = open_input({settings.input}, {.fps = settings.fps,
+                                                       .mono = true,
+                                                       .ignore_calibration = true,
+                                                       .threads = settings.threads,
+                                                       .range = settings.range});
   if (!opened) return opened.error();
   if (callbacks.ready) {
     if (auto r = callbacks.ready(); !r) return r.error();

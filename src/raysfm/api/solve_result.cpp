@@ -174,7 +174,8 @@ Report solve_report(const SolveInput& input, const UncalibratedReconstruction& f
                  found.degenerate,
                  static_cast<int>(input.tracks.image_size.x()),
                  static_cast<int>(input.tracks.image_size.y()),
-                 input.exif};
+                 input.exif,
+                 found.lens_gain};
   report.adjustment = {.method = settings.method,
                        .initial_cost = lm.initial_cost,
                        .final_cost = lm.final_cost,
@@ -188,8 +189,15 @@ Report solve_report(const SolveInput& input, const UncalibratedReconstruction& f
 SolveResult solve_result(const SolveInput& input, UncalibratedReconstruction found,
                          const SolveSettings& settings, bool interrupted) {
   SolveResult result{solved_reconstruction(input, found, interrupted), solve_report(input, found, settings)};
+  result.reconstruction.range = settings.range;
   result.report.interrupted = interrupted;
   return result;
+}
+
+std::vector<ResultFile> lens_plot(const Reconstruction& reconstruction) {
+  std::vector<LensOfFrame> lenses = lenses_of_frames(reconstruction);
+  if (lenses.empty()) return {};
+  return {{kPlot, [lenses = std::move(lenses)](const fs::path& path) { return plot_lens(lenses, path); }}};
 }
 
 Result<void> check_solve_output(const fs::path& input, const fs::path& folder) {
@@ -205,12 +213,10 @@ Result<void> write_solve_output(const SolveResult& result, const SolveSettings& 
   SolveSettings effective = settings;
   Report report = result.report;
   report.version = version;
-  const std::vector<LensOfFrame> lenses = lenses_of_frames(result.reconstruction);
-  std::vector<ResultFile> more;
-  if (!lenses.empty()) more.push_back({kPlot, [&](const fs::path& path) { return plot_lens(lenses, path); }});
-  const Result<bool> written = write_output_folder(
-      result.reconstruction, std::move(report),
-      effective_config(setting_fields(effective), {settings.input}, version), folder, more);
+  const Result<bool> written =
+      write_output_folder(result.reconstruction, std::move(report),
+                          effective_config(setting_fields(effective), {settings.input}, version), folder,
+                          lens_plot(result.reconstruction));
   return written ? Result<void>() : written.error();
 }
 

@@ -2,6 +2,7 @@
 
 #include "raysfm/api/solve.h"
 #include "raysfm/api/solve_input.h"
+#include "raysfm/results/output_folder.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {
@@ -10,5 +11,8 @@ namespace raysfm {
 // camera of the first image with a pose, unless the world is given. `interrupted`: the input had more.
 SolveResult solve_result(const SolveInput& input, UncalibratedReconstruction found,
                          const SolveSettings& settings, bool interrupted);
+
+// The chart of the lenses of its frames, for the folder of results; empty where these have none of their own.
+std::vector<ResultFile> lens_plot(const Reconstruction& reconstruction);
 
 }  // namespace raysfm

@@ -48,6 +48,7 @@ TrackSettings settings_of_tracking(const SolveSettings& settings) {
   TrackSettings tracking;
   tracking.inputs = {settings.input};
   tracking.fps = settings.fps;
+  tracking.range = settings.range;
   tracking.mono = true;
   tracking.threads = settings.threads;
   tracking.refine_lens = "off";  // the adjustment of all that tells it has found it

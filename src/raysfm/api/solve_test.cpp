@@ -134,6 +134,10 @@ TEST_F(SolveTest, RefusesSettingsThatMeanNothing) {
   EXPECT_EQ(failure(good, settings).message,
             "--size = '640': must be WIDTHxHEIGHT, two whole numbers from 1 to 100000");
   settings = {};
+  settings.range.from = 1;
+  EXPECT_NE(failure(good, settings).message.find("--from, --to: allowed with images only"),
+            std::string::npos);
+  settings = {};
   settings.max_error = 0;
   EXPECT_EQ(failure(good, settings).message, "--max-error = 0: must be above 0, in pixels");
   EXPECT_EQ(failure("image,point,u,v\n").kind, ErrorKind::kBadInput);

@@ -198,9 +198,11 @@ std::string TrackReader::notes() const {
 }
 
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  Result<Input> input = open_input(
-      {settings.input},
-      {.fps = settings.fps, .mono = true, .ignore_calibration = true, .threads = settings.threads});
+  Result<Input> input = open_input({settings.input}, {.fps = settings.fps,
+                                                      .mono = true,
+                                                      .ignore_calibration = true,
+                                                      .threads = settings.threads,
+                                                      .range = settings.range});
   if (!input) return input.error();
   if (input->calibration_file) {
     tell(callbacks.event, Event::Level::kInfo,

@@ -10,6 +10,7 @@
 #include "raysfm/api/config.h"
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/run_map.h"
+#include "raysfm/api/track_zoom.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/camera_files/camera_file.h"
@@ -33,6 +34,12 @@ struct Sources {
   LensOrigin origin;
   CalibrationPrior prior;
   double find_ms = 0;  // that finding the lens took
+  // Of a lens that no file told.
+  struct {
+    bool may_be = false, may_be_solved = false;  // asked of the map; and solve() then
+    std::optional<TrackResult> solved;           // with a lens for each image
+    std::string warning;                         // of signs that came to nothing
+  } zoom = {};
 };
 
 // Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
@@ -114,10 +121,26 @@ Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens
 Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input,
                                       const TrackCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
-  Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks);
-  if (!lens) return lens.error();
-  Result<Sources> sources = sources_with_lens(settings, *lens);
-  if (sources) sources->find_ms = milliseconds_since(start);
+  const bool is_device = input.layout == "device";
+  ZoomedStretch stretch;
+  Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks, &stretch);
+  const bool seen = stretch.last_frame >= 0;
+  const bool zooms = seen && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
+  std::optional<TrackResult> solved;
+  if (zooms) {
+    tell(callbacks.event, Event::Level::kInfo,
+         fmt::format("frames {} to {} look as if the camera zoomed: a lens is looked for for each image",
+                     stretch.first_frame, stretch.last_frame));
+    solved = solved_zoom(settings, callbacks);
+  }
+  if (!lens && !solved) return lens.error();
+  Result<Sources> sources = lens ? sources_with_lens(settings, *lens) : Sources();
+  if (!sources) return sources;
+  if (seen && !solved) sources->zoom.warning = zoom_warning(stretch);
+  sources->zoom.may_be = !zooms && lens && wide_lens_warning(lens->camera).empty();
+  sources->zoom.may_be_solved = !is_device;
+  sources->zoom.solved = std::move(solved);
+  sources->find_ms = milliseconds_since(start);
   return sources;
 }
 
@@ -372,10 +395,9 @@ std::optional<std::string> start_warning(const Reconstruction& r) {
       frames);
 }
 
-// What the run as a whole says against its result, before it is finished.
+// What the run as a whole says against its result, before it is finished, but for a zoom.
 std::vector<std::string> tell_warnings(const Tracker& tracker, const EventSink& event) {
   std::vector<std::string> warnings;
-  if (const auto change = tracker.lens_change()) warnings.push_back(zoom_warning(*change));
   if (const auto seen = tracker.other_motion(); !seen.empty()) warnings.push_back(motion_warning(seen));
   for (const std::string& warning : warnings) tell(event, Event::Level::kWarning, warning);
   return warnings;
@@ -410,6 +432,60 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
   out.report.error = "pixel";
   out.report.interrupted = true;
   measure_cost(start, 0, &out.report);
+  return out;
+}
+
+// One run of the tracker, through to its result. `zoom`: what it measured of one.
+Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& callbacks,
+                                  TrackWatcher* watcher, RunMaps* maps, Sources* sources,
+                                  std::optional<SeenZoom>* zoom) {
+  settings.odometry.calibration_prior = sources->prior;
+  Narrator narrator(callbacks.event, sources->origin);
+  ObserverPair observers(&narrator, watcher);
+  Result<std::unique_ptr<Tracker>> made =
+      Tracker::create(sources->rig,
+                      {settings.odometry, std::move(sources->masks),
+                       maps->known ? take_worlds(&*maps->known) : std::vector<Map>()},
+                      &observers);
+  if (!made) return made.error();
+  if (auto r = callbacks.ready(); !r) return r.error();
+  Tracker& tracker = **made;
+  Checkpoint checkpoint(settings.checkpoint,
+                        settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
+  if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
+  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
+                    checkpoint.passed());
+  FrameSource& source = *sources->input.streams[0];
+
+  TrackResult out;
+  Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
+  if (stopped && !*stopped) {
+    stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
+                       tracker, checkpoint, watcher);
+  }
+  if (!stopped) return stopped.error();
+  if (tracker.frames() == 0 && !*stopped) {
+    return bad_input(fmt::format("{}: no frames", source.description()));
+  }
+  if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
+
+  std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
+  *zoom = tracker.lens_change();
+  if (sources->origin.source == "footage") {
+    const std::string wide = wide_lens_warning(tracker.rig().rig().cameras[0]);
+    tell(callbacks.event, Event::Level::kWarning, wide);
+    if (!wide.empty()) warnings.push_back(wide);
+  }
+  std::vector<Map> worlds;
+  out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
+  if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
+  out.reconstruction.range = settings.range;
+  if (*stopped) explain_interruption(&out.reconstruction);
+  tell_untested(out.reconstruction, callbacks.event, &warnings);
+  out.report = make_report(settings, tracker, *sources, stream.finish());
+  out.report.warnings = std::move(warnings);
+  out.report.interrupted = *stopped;
+  out.report.frames_in_input = source.frame_count();
   return out;
 }
 
@@ -450,49 +526,35 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     const bool no_lens_yet = sources.error().kind == ErrorKind::kNoReconstruction && callbacks.stopped();
     return no_lens_yet ? Result(interrupted_before_start(settings, start)) : sources.error();
   }
-  settings.odometry.calibration_prior = sources->prior;
-  Narrator narrator(callbacks.event, sources->origin);
-  ObserverPair observers(&narrator, watcher);
-  Result<std::unique_ptr<Tracker>> made =
-      Tracker::create(sources->rig,
-                      {settings.odometry, std::move(sources->masks),
-                       maps->known ? take_worlds(&*maps->known) : std::vector<Map>()},
-                      &observers);
-  if (!made) return made.error();
-  if (auto r = callbacks.ready(); !r) return r.error();
-  Tracker& tracker = **made;
-  Checkpoint checkpoint(settings.checkpoint,
-                        settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
-  if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
-  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
-                    checkpoint.passed());
-  FrameSource& source = *sources->input.streams[0];
-
-  TrackResult out;
-  Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
-  if (stopped && !*stopped) {
-    stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
-                       tracker, checkpoint, watcher);
+  std::optional<TrackResult>& solved = sources->zoom.solved;
+  const auto with_costs = [&](TrackResult result) {
+    measure_cost(start, static_cast<int>(result.reconstruction.frames.size()), &result.report);
+    return result;
+  };
+  const auto solved_instead = [&] {
+    tell(callbacks.event, Event::Level::kWarning, solved->report.warnings[0]);
+    return with_costs(*std::move(solved));
+  };
+  if (solved && (sources->rig.cameras.empty() ||
+                 reaches_enough(*solved, static_cast<int>(solved->reconstruction.frames.size())))) {
+    return solved_instead();
   }
-  if (!stopped) return stopped.error();
-  if (tracker.frames() == 0 && !*stopped) {
-    return bad_input(fmt::format("{}: no frames", source.description()));
+  std::optional<SeenZoom> change;
+  Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &change);
+  if (!tracked) return tracked;
+  std::string& zoom = sources->zoom.warning;
+  if (change) zoom = zoom_warning(*change);
+  if (sources->zoom.may_be && !callbacks.stopped()) {
+    const Reconstruction& r = tracked->reconstruction;
+    if (zoom.empty()) zoom = zoom_warning(zoom_in_map(r));
+    const bool may_be_solved =
+        sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
+    if (!zoom.empty() && may_be_solved) solved = solved_zoom(settings, callbacks);
   }
-  if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
-
-  std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
-  std::vector<Map> worlds;
-  out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
-  if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
-  out.reconstruction.range = settings.range;
-  if (*stopped) explain_interruption(&out.reconstruction);
-  tell_untested(out.reconstruction, callbacks.event, &warnings);
-  out.report = make_report(settings, tracker, *sources, stream.finish());
-  out.report.warnings = std::move(warnings);
-  out.report.interrupted = *stopped;
-  out.report.frames_in_input = source.frame_count();
-  measure_cost(start, tracker.frames(), &out.report);
-  return out;
+  if (solved && reaches_enough(*solved, posed_count(tracked->reconstruction))) return solved_instead();
+  tell(callbacks.event, Event::Level::kWarning, zoom);
+  if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
+  return with_costs(*std::move(tracked));
 }
 
 }  // namespace raysfm

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "raysfm/api/config.h"
+#include "raysfm/api/solve_result.h"
 #include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
 #include "raysfm/files/atomic_file.h"
@@ -30,10 +31,12 @@ std::string origin_comment(const TrackResult& result) {
   return text;
 }
 
-// The camera file as refined or found: of another name where the given one lies in the same folder.
-std::vector<ResultFile> found_camera(const TrackResult& result, const TrackSettings& settings,
-                                     const std::filesystem::path& out) {
+// What tells the lenses of frames that have their own, else the camera file as refined or found: of another
+// name where the given one lies in the same folder.
+std::vector<ResultFile> lens_files(const TrackResult& result, const TrackSettings& settings,
+                                   const std::filesystem::path& out) {
   const Reconstruction& r = result.reconstruction;
+  if (r.origin == Origin::kSolve) return lens_plot(r);
   const auto is_refined = [](const CalibrationNumber& n) { return n.refined != n.given; };
   const std::string comment = origin_comment(result);
   if (comment.empty() && std::ranges::none_of(r.calibration, is_refined)) return {};
@@ -66,7 +69,7 @@ Result<bool> write_track_output(const TrackResult& result, const TrackSettings& 
   Report report = result.report;
   report.version = version;
   return write_output_folder(result.reconstruction, std::move(report), effective_config(settings, version),
-                             folder, found_camera(result, settings, folder));
+                             folder, lens_files(result, settings, folder));
 }
 
 Error why_no_pose(const TrackResult& result, bool written, const std::filesystem::path& folder) {

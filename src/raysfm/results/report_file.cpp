@@ -210,7 +210,7 @@ std::string report_json(const Reconstruction& reconstruction, const Report& repo
   const TimeRange& range = reconstruction.range;
   if (!range.is_all()) json["range_s"] = {range.from, range.to > 0 ? Json(range.to) : Json()};
   json["interrupted"] = report.interrupted;
-  if (reconstruction.origin == Origin::kTrack) json["warnings"] = report.warnings;
+  if (reconstruction.origin == Origin::kTrack || !report.warnings.empty()) json["warnings"] = report.warnings;
   if (report.lens) write_lens(*report.lens, &json);
   if (report.lens_origin) write_lens_origin(*report.lens_origin, &json);
   if (report.model) write_model(*report.model, &json);

@@ -42,6 +42,7 @@ struct LensReport {
   std::string degenerate = {};  // empty, or the name of the motion or scene that does not tell the lens
   int width = 0, height = 0;    // of the images; where they differ, the largest of each
   std::vector<ExifLens> exif = {};
+  double gain = 0;  // rms with one lens to that with one for each image; 0: these were not compared
 };
 
 // Where `track` has the lens from.

@@ -66,6 +66,7 @@ struct UncalibratedReconstruction {
   RadialDistortion radial_sigma;       // standard deviations
   bool world_is_given = false;         // the world is that of known points, its scale theirs
   bool zooming = false;
+  double lens_gain = 0;  // rms with one lens to that with one for each image; 0: these were not compared
   std::string lens_evidence;       // why the lens was taken for fixed or zooming, one line
   std::string degenerate;          // empty, or the name of the degenerate motion or structure
   double rms_px = 0;               // over the inliers

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <mutex>
 #include <optional>
+#include <utility>
 
 #include "raysfm/core/median.h"
 #include "raysfm/projective/degeneracy.h"
@@ -365,6 +366,26 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                                                   : build_one(tracks, keyframe, options, video);
   if (result) complete(tracks, keyframe, options, &pool, &*result);
   return result;
+}
+
+ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
+                        const UncalibratedReconstruction& fixed) {
+  const PointTracks ideal = ideal_tracks(tracks, fixed);
+  const std::vector<uint8_t> all(tracks.image_count, 1);
+  UncalibratedReconstruction one = fixed;
+  one.radial = {};
+  one.zooming = false;
+  UncalibratedReconstruction many = one;
+  many.zooming = true;
+  for (UncalibratedReconstruction* r : {&one, &many}) {
+    SolveOptions own = options;
+    own.lens = r->zooming ? LensChange::kZoom : LensChange::kFixed;
+    if (!VideoGrowth(ideal, all, own, r).grow({})) return {};
+  }
+  Result<UncalibratedReconstruction> chosen = choose_lens(ideal, all, std::move(one), std::move(many),
+                                                          options.max_error_px, ErrorRelation::kAlongTracks);
+  if (!chosen) return {};
+  return {chosen->zooming, std::move(chosen->lens_evidence)};
 }
 
 }  // namespace raysfm

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <string>
 
 #include "raysfm/core/result.h"
 #include "raysfm/uncalibrated/reconstruct.h"
@@ -32,5 +33,19 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
                                                      std::span<const uint8_t> keyframe,
                                                      const SolveOptions& options,
                                                      const VideoOptions& video = {});
+
+// What speaks for a zoom where one lens was found for all images.
+struct ZoomSigns {
+  bool zooms = false;
+  std::string evidence;  // as UncalibratedReconstruction::lens_evidence
+};
+
+// Whether a lens for each image explains the tracks of a video, all of whose images are key frames, so much
+// better than the one lens in `fixed` that the camera seems to zoom: from there, each image gets a lens of
+// its own in one short adjustment, and choose_lens() compares the two. That takes a twentieth of the time of
+// finding `fixed`, and leaves the lenses short of what they are in the end: of a zoom by 1.2 it may see
+// nothing, above all where the camera goes the way it looks.
+ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
+                        const UncalibratedReconstruction& fixed);
 
 }  // namespace raysfm

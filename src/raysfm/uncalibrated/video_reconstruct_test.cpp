@@ -81,6 +81,19 @@ TEST(ReconstructVideo, ZoomIsFoundAndEveryImagePosed) {
   EXPECT_LT(result->rms_px, 0.4);
 }
 
+// A lens that bends lines is no zoom.
+TEST(ReconstructVideo, OneLensOfAZoomShowsSignsOfIt) {
+  for (const double zoom : {0.2, 0.1, 0.0}) {
+    Walk walk = make_walk(24, zoom, 0.2, -0.05);
+    walk.keyframe.assign(24, 1);
+    const SolveOptions one{.lens = LensChange::kFixed};
+    const auto fixed = reconstruct_video(walk.tracks, walk.keyframe, one);
+    ASSERT_TRUE(fixed.ok()) << fixed.error().message;
+    const ZoomSigns signs = signs_of_zoom(walk.tracks, one, *fixed);
+    EXPECT_EQ(signs.zooms, zoom > 0) << zoom << ": " << signs.evidence;
+  }
+}
+
 // Tracks end where the lens is turned: what goes on from the first part finds the other focal length.
 TEST(ReconstructVideo, GoesOnFromAPartWithAnotherFocalLength) {
   constexpr int kImages = 48, kPart = 27;

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "raysfm/api/find_lens.h"
+#include "raysfm/api/track.h"
+
+namespace raysfm {
+
+// Whether solve() gives all that a run with these settings is to give, saved maps being maps of one rig, of
+// footage of so many key frames: a lens for each makes its time grow as their third power.
+bool can_be_solved(const TrackSettings& settings, double keyframes);
+
+// A stretch of a map that looks as if the camera zoomed: its key frames agree much better where each has a
+// lens of its own (signs_of_zoom()). `reconstruction`: of one perspective camera. None where none does.
+std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& reconstruction);
+
+// What there is to say of a stretch that looks so where the poses are those of one lens; empty without one.
+std::string zoom_warning(const std::optional<ZoomedStretch>& stretch);
+
+// The same footage by solve(), where that is sure that the camera zooms; `warnings` of the report begin with
+// that. None where it finds one lens, none that is determined, or nothing at all.
+std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks);
+
+// Whether the result with a lens for each image is to be preferred to one with one lens of so many frames
+// with a pose: those that are missing are few.
+bool reaches_enough(const TrackResult& solved, int posed);
+
+}  // namespace raysfm
