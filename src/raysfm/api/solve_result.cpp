@@ -175,7 +175,8 @@ Report solve_report(const SolveInput& input, const UncalibratedReconstruction& f
                  static_cast<int>(input.tracks.image_size.x()),
                  static_cast<int>(input.tracks.image_size.y()),
                  input.exif,
-                 found.lens_gain};
+                 found.lens_gain,
+                 found.lens_spread};
   report.adjustment = {.method = settings.method,
                        .initial_cost = lm.initial_cost,
                        .final_cost = lm.final_cost,

@@ -536,7 +536,8 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     return with_costs(*std::move(solved));
   };
   if (solved && (sources->rig.cameras.empty() ||
-                 reaches_enough(*solved, static_cast<int>(solved->reconstruction.frames.size())))) {
+                 (is_beyond_shutters(*solved) &&
+                  reaches_enough(*solved, static_cast<int>(solved->reconstruction.frames.size()))))) {
     return solved_instead();
   }
   std::optional<SeenZoom> change;
@@ -551,7 +552,13 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
         sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
     if (!zoom.empty() && may_be_solved) solved = solved_zoom(settings, callbacks);
   }
-  if (solved && reaches_enough(*solved, posed_count(tracked->reconstruction))) return solved_instead();
+  // A rolling shutter bends the images of a moving camera as a zoom does.
+  const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;
+  if (solved && (!scans || is_beyond_shutters(*solved)) &&
+      reaches_enough(*solved, posed_count(tracked->reconstruction))) {
+    return solved_instead();
+  }
+  if (!change && scans) zoom.clear();
   tell(callbacks.event, Event::Level::kWarning, zoom);
   if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
   return with_costs(*std::move(tracked));

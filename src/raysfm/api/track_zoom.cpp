@@ -21,10 +21,12 @@ namespace {
 
 constexpr double kMostKeyframes = 200;
 constexpr double kEnough = 0.7;  // of the frames that one lens poses
-// By how much a lens for each image must lower the rms. Zooms by 1.1 and 1.2 of filmed footage lower it by
-// less than 7 %, and then errors that are alike along tracks may bend the lenses more than one lens bends the
-// path.
-constexpr double kLeastGain = 1.1;
+// By how much a lens for each image must lower the rms, and the focal length change. Zooms by 1.1 and 1.2 of
+// filmed footage lower the rms by less than 7 %, and then errors that are alike along tracks may bend the
+// lenses more than one lens bends the path. A rolling shutter lowers it by a third, with focal lengths 2.3 %
+// apart.
+constexpr double kLeastGain = 1.1, kLeastSpread = 0.03;
+constexpr double kBeyondShutters = 0.1;  // 33 ms of a walking camera: 0.05
 // Key frames of a map that are looked at together, from one such stretch to the next, and at least.
 constexpr size_t kWindow = 40, kStep = 20, kLeastWindow = 10;
 constexpr size_t kMostPoints = 600;  // the longest tracks of a stretch
@@ -125,6 +127,10 @@ std::string zoom_warning(const std::optional<ZoomedStretch>& stretch) {
       stretch->first_frame, stretch->last_frame);
 }
 
+bool is_beyond_shutters(const TrackResult& solved) {
+  return solved.report.lens->gain == 0 || solved.report.lens->spread > kBeyondShutters;
+}
+
 bool reaches_enough(const TrackResult& solved, int posed) {
   return posed_count(solved.reconstruction) >= kEnough * posed;
 }
@@ -143,7 +149,8 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
   Result<SolveResult> solved = solve(of_solve, solving);
   if (!solved) return {};
   const LensReport& lens = *solved->report.lens;
-  const bool is_sure = lens.zooming && lens.degenerate.empty() && (lens.gain == 0 || lens.gain > kLeastGain);
+  const bool is_clear = lens.gain == 0 || (lens.gain > kLeastGain && lens.spread > kLeastSpread);
+  const bool is_sure = lens.zooming && lens.degenerate.empty() && is_clear;
   if (!is_sure) return {};
   TrackResult result{std::move(solved->reconstruction), std::move(solved->report)};
   result.report.input = settings.inputs;

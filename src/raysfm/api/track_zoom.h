@@ -23,6 +23,9 @@ std::string zoom_warning(const std::optional<ZoomedStretch>& stretch);
 // that. None where it finds one lens, none that is determined, or nothing at all.
 std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks);
 
+// Whether focal lengths change by more than a rolling shutter that nobody knows of makes them seem to.
+bool is_beyond_shutters(const TrackResult& solved);
+
 // Whether the result with a lens for each image is to be preferred to one with one lens of so many frames
 // with a pose: those that are missing are few.
 bool reaches_enough(const TrackResult& solved, int posed);

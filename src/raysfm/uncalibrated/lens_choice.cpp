@@ -57,7 +57,7 @@ double freedom(const Comparison& c, bool points_are_given) {
 
 struct Verdict {
   bool zooming;
-  double gain;
+  double gain, spread;
   std::string evidence;
 };
 
@@ -87,7 +87,7 @@ Verdict judge_lens(const Comparison& c, double freedom, double spread, ErrorRela
         " where the focal length changes by more than 1 % and the rms falls by a twentieth; it changes by " +
         std::to_string(100 * spread) + " %";
   }
-  return {gain > needed && (changes || errors == ErrorRelation::kNone), ratio, std::move(evidence)};
+  return {gain > needed && (changes || errors == ErrorRelation::kNone), ratio, spread, std::move(evidence)};
 }
 
 }  // namespace
@@ -97,13 +97,15 @@ Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::s
                                                Result<UncalibratedReconstruction> zoom, double max_error_px,
                                                ErrorRelation errors) {
   if (!fixed && !zoom) return fixed;
-  Verdict verdict{!fixed, 0, std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens")};
+  Verdict verdict{!fixed, 0, 0,
+                  std::string("no solution with ") + (fixed ? "a lens for each image" : "one lens")};
   if (fixed && zoom) {
     const Comparison c = compare(tracks, compared, *fixed, *zoom, max_error_px);
     verdict = judge_lens(c, freedom(c, zoom->world_is_given), focal_spread(compared, *zoom), errors);
   }
   auto& chosen = verdict.zooming ? zoom : fixed;
   chosen->lens_gain = verdict.gain;
+  chosen->lens_spread = verdict.spread;
   chosen->lens_evidence = std::move(verdict.evidence);
   return std::move(chosen);
 }

@@ -66,10 +66,11 @@ struct UncalibratedReconstruction {
   RadialDistortion radial_sigma;       // standard deviations
   bool world_is_given = false;         // the world is that of known points, its scale theirs
   bool zooming = false;
-  double lens_gain = 0;  // rms with one lens to that with one for each image; 0: these were not compared
-  std::string lens_evidence;       // why the lens was taken for fixed or zooming, one line
-  std::string degenerate;          // empty, or the name of the degenerate motion or structure
-  double rms_px = 0;               // over the inliers
+  double lens_gain = 0;       // rms with one lens to that with one for each image; 0: these were not compared
+  double lens_spread = 0;     // standard deviation of the logarithm of the focal length then
+  std::string lens_evidence;  // why the lens was taken for fixed or zooming, one line
+  std::string degenerate;     // empty, or the name of the degenerate motion or structure
+  double rms_px = 0;          // over the inliers
   int start_images[2] = {-1, -1};  // the two views of the start
   int start_inliers = 0;           // their matches that agree with its fundamental matrix
   LensAdjustmentSummary adjustment;
