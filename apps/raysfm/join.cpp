@@ -87,11 +87,15 @@ Result<int> run_join(const JoinArguments& arguments, const CommonOptions& common
     if (!fs::equivalent(piece, arguments.out, failure)) continue;
     return bad_input(fmt::format("--out = {}: is one of the pieces", arguments.out));
   }
-  Result<std::vector<VideoPiece>> pieces = read_pieces(arguments.pieces);
-  if (!pieces) return pieces.error();
   if (auto r = prepare_output_folder(arguments.out); !r) return r.error();
   const Result<SavedMapWriter> map = SavedMapWriter::open((fs::path(arguments.out) / kMap).string());
   if (!map) return map.error();
+  if (const auto r = keep_far_beside(fs::path(arguments.out) / kMap); !r) {
+    ProgressLine(common.quiet)
+        .event({Event::Level::kWarning, "memory grows with the maps: " + r.error().message});
+  }
+  Result<std::vector<VideoPiece>> pieces = read_pieces(arguments.pieces);
+  if (!pieces) return pieces.error();
   const Result<JoinedPieces> joined = join_pieces(*std::move(pieces), common.seed);
   if (!joined) return joined.error();
   const Reconstruction& r = joined->result;

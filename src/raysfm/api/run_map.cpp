@@ -6,7 +6,7 @@
 
 namespace raysfm {
 
-Result<RunMaps> open_maps(const TrackSettings& settings) {
+Result<RunMaps> open_maps(const TrackSettings& settings, const EventSink& event) {
   RunMaps maps;
   if (settings.localise && settings.map.empty()) {
     return bad_input("--localise: no map to localise in; give one with --map");
@@ -21,6 +21,9 @@ Result<RunMaps> open_maps(const TrackSettings& settings) {
     Result<SavedMapWriter> writer = SavedMapWriter::open(settings.save_map);
     if (!writer) return writer.error();
     maps.writer.emplace(*std::move(writer));
+    if (const auto r = keep_far_beside(settings.save_map); !r) {
+      tell(event, Event::Level::kWarning, "memory grows with the map: " + r.error().message);
+    }
   }
   if (!settings.map.empty()) {
     Result<SavedMap> known = read_saved_map(settings.map);

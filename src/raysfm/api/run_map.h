@@ -13,9 +13,9 @@ struct RunMaps {
   std::optional<SavedMapWriter> writer;  // holds its file until the end
 };
 
-// Errors: bad input, where the settings contradict each other, a map cannot be read, or another run holds the
-// one to be written.
-Result<RunMaps> open_maps(const TrackSettings& settings);
+// Where a map is to be left, what is far lies beside it from now on. Errors: bad input, where the settings
+// contradict each other, a map cannot be read, or another run holds the one to be written.
+Result<RunMaps> open_maps(const TrackSettings& settings, const EventSink& event);
 
 // The cameras as the known map has them, which may be better known than those given; these must be as many
 // and of the same sizes. Errors: bad input.

@@ -519,7 +519,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   const Result<OdometryOptions> odometry = odometry_options(given);
   if (!odometry) return odometry.error();
   settings.odometry = *odometry;
-  Result<RunMaps> maps = open_maps(settings);
+  Result<RunMaps> maps = open_maps(settings, callbacks.event);
   if (!maps) return maps.error();
   Result<Sources> sources = open_sources(settings, maps->known, found, callbacks);
   if (!sources) {

@@ -328,7 +328,7 @@ double BundleCore<N>::work_on_lanes(const ObservationLayout::Group& group, const
 
 // Costs and weights of eight lanes from their residuals. Returns whether an active one has none.
 template <int N>
-bool BundleCore<N>::score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums) {
+bool BundleCore<N>::score_block(int begin, Block& block, LargeArray<double>& lane_cost, double* lane_sums) {
   constexpr uint64_t kAll = 0x0101010101010101;
   uint64_t active;
   std::memcpy(&active, &active_[begin], sizeof(active));

@@ -6,7 +6,7 @@
 
 #include "raysfm/bundle/bundle_problem.h"
 #include "raysfm/bundle/observation_layout.h"
-#include "raysfm/optim/aligned_vector.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/optim/schur_system.h"
 #include "raysfm/residuals/block_residual.h"
 #include "raysfm/residuals/normal_kernel.h"
@@ -41,10 +41,10 @@ class BundleCore {
  private:
   // Poses, points and what each lane costs there.
   struct State {
-    std::vector<Rigid3> poses;
-    std::vector<BalLens> lenses;
-    std::vector<Eigen::Vector3d> points;
-    std::vector<double> lane_cost;
+    LargeArray<Rigid3> poses;
+    LargeArray<BalLens> lenses;
+    LargeArray<Eigen::Vector3d> points;
+    LargeArray<double> lane_cost;
     void load(const BundleProblem& problem, size_t lane_count);
   };
   using Block = ObservationBlock<N>;
@@ -68,7 +68,7 @@ class BundleCore {
   double work_on_group(const ObservationLayout::Group& group, State& state, bool linearize, bool* loses);
   double work_on_lanes(const ObservationLayout::Group& group, const BlockResidual& residual, State& state,
                        bool linearize, bool* loses);
-  bool score_block(int begin, Block& block, std::vector<double>& lane_cost, double* lane_sums);
+  bool score_block(int begin, Block& block, LargeArray<double>& lane_cost, double* lane_sums);
   void store_block(int begin, const Block& block);
   void sum_points(int begin, int end);
   bool has_residual(const State& state, int lane) const;
@@ -83,13 +83,13 @@ class BundleCore {
   ObservationLayout layout_;
   SchurSystem<N> system_;
   State current_, trial_;
-  AlignedVector<RayBlock> rays_;       // by block of lanes
-  AlignedVector<double> point_terms_;  // V and gp of each lane
-  std::vector<double> chunk_cost_;
-  std::vector<uint8_t> active_;   // by lane: an inlier that has a residual
-  std::vector<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass
-  std::vector<int> lost_;
-  std::vector<uint8_t> chunk_loses_;
+  LargeArray<RayBlock> rays_;       // by block of lanes
+  LargeArray<double> point_terms_;  // V and gp of each lane
+  LargeArray<double> chunk_cost_;
+  LargeArray<uint8_t> active_;   // by lane: an inlier that has a residual
+  LargeArray<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass
+  LargeArray<int> lost_;
+  LargeArray<uint8_t> chunk_loses_;
   int active_count_ = 0, dropped_ = 0;
   double current_cost_ = 0, trial_cost_ = 0;
   int prior_pose_ = -1;  // in the system

@@ -10,8 +10,8 @@ namespace {
 
 // Stable: `sorted` is `order` by ascending key.
 template <typename Key>
-void counting_sort(const std::vector<int>& order, size_t key_count, Key key, std::vector<int>& counts,
-                   std::vector<int>& sorted) {
+void counting_sort(std::span<const int> order, size_t key_count, Key key, LargeArray<int>& counts,
+                   LargeArray<int>& sorted) {
   counts.assign(key_count + 1, 0);
   for (int i : order) ++counts[key(i) + 1];
   for (size_t k = 0; k < key_count; ++k) counts[k + 1] += counts[k];

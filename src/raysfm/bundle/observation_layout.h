@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/core/paged_memory.h"
 
 namespace raysfm {
 
@@ -34,15 +35,15 @@ struct ObservationLayout {
     bool opens_slot;   // the first lane of its slot
   };
 
-  std::vector<Group> groups;
-  std::vector<Lane> lanes;
-  std::vector<double> u, v;        // observed pixel, by lane
-  std::vector<double> weight;      // 1 / sigma^2 by lane; empty where the problem has no sigmas
-  std::vector<int> chunks;         // first group of each unit of work, then the number of groups; whole poses
-  std::vector<int> poses, points;  // index in the problem, by number in the system
-  std::vector<int> lane_begin, lanes_of_point;  // by system point, ascending
-  std::vector<int> point_begin;                 // slots by system point
-  std::vector<int> pose_of_slot;
+  LargeArray<Group> groups;
+  LargeArray<Lane> lanes;
+  LargeArray<double> u, v;        // observed pixel, by lane
+  LargeArray<double> weight;      // 1 / sigma^2 by lane; empty where the problem has no sigmas
+  LargeArray<int> chunks;         // first group of each unit of work, then the number of groups; whole poses
+  LargeArray<int> poses, points;  // index in the problem, by number in the system
+  LargeArray<int> lane_begin, lanes_of_point;  // by system point, ascending
+  LargeArray<int> point_begin;                 // slots by system point
+  LargeArray<int> pose_of_slot;
 
   // The problem must be valid.
   void build(const BundleProblem& problem, Taking taking = Taking::kInliers);
@@ -55,7 +56,7 @@ struct ObservationLayout {
   void assign_slots();
   void cut_chunks();
 
-  std::vector<int> order_, sorted_, counts_, system_point_, place_, group_of_block_;
+  LargeArray<int> order_, sorted_, counts_, system_point_, place_, group_of_block_;
 };
 
 // Whether sizes and indices agree and the options are in range.

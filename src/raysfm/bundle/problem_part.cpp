@@ -10,7 +10,7 @@ ObservationsByPose::ObservationsByPose(const BundleProblem& problem)
     if (problem.uses(i)) ++begin[problem.observations[i].pose + 1];
   }
   for (size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
-  std::vector<int> place = begin;
+  LargeArray<int> place = begin;
   observations.resize(begin.back());
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     if (problem.uses(i)) observations[place[problem.observations[i].pose]++] = static_cast<int>(i);

@@ -3,13 +3,14 @@
 #include <vector>
 
 #include "raysfm/bundle/bundle_problem.h"
+#include "raysfm/core/paged_memory.h"
 
 namespace raysfm {
 
 // The inliers of a problem by pose.
 struct ObservationsByPose {
-  std::vector<int> begin;  // one more than there are poses
-  std::vector<int> observations;
+  LargeArray<int> begin;  // one more than there are poses
+  LargeArray<int> observations;
   explicit ObservationsByPose(const BundleProblem& problem);
 };
 
@@ -29,10 +30,10 @@ class ProblemPart {
   int last() const { return first_ + static_cast<int>(poses.size()); }
   bool is_anchored() const;  // a pose or a point is fixed
 
-  std::vector<Rigid3> poses;
-  std::vector<BalLens> lenses;
-  std::vector<Eigen::Vector3d> points;
-  std::vector<int> point_ids;  // index in the whole, by point of the part
+  LargeArray<Rigid3> poses;
+  LargeArray<BalLens> lenses;
+  LargeArray<Eigen::Vector3d> points;
+  LargeArray<int> point_ids;  // index in the whole, by point of the part
 
   // Copies what is free back.
   void store(const BundleProblem& whole) const;
@@ -42,12 +43,12 @@ class ProblemPart {
 
   std::span<const Camera> cameras_;
   int first_ = 0;
-  std::vector<uint8_t> pose_is_free_, point_is_fixed_;
-  std::vector<BundleObservation> observations_;
-  std::vector<ObservedRay> rays_;
-  std::vector<float> sigmas_;
-  std::vector<int> sightings_, local_;  // by point of the whole; zero and -1 between two cuts
-  std::vector<uint8_t> moves_;
+  LargeArray<uint8_t> pose_is_free_, point_is_fixed_;
+  LargeArray<BundleObservation> observations_;
+  LargeArray<ObservedRay> rays_;
+  LargeArray<float> sigmas_;
+  LargeArray<int> sightings_, local_;  // by point of the whole; zero and -1 between two cuts
+  LargeArray<uint8_t> moves_;
   bool has_lenses_ = false;
 };
 

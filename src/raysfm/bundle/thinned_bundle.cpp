@@ -4,6 +4,7 @@
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/observation_layout.h"
+#include "raysfm/core/paged_memory.h"
 
 namespace raysfm {
 namespace {
@@ -51,12 +52,12 @@ class ThinnedProblem {
 
  private:
   BundleProblem whole_;
-  std::vector<int> point_ids_;
-  std::vector<Eigen::Vector3d> points_;
-  std::vector<uint8_t> point_is_fixed_, is_inlier_;
-  std::vector<BundleObservation> observations_;
-  std::vector<ObservedRay> rays_;
-  std::vector<float> sigmas_;
+  LargeArray<int> point_ids_;
+  LargeArray<Eigen::Vector3d> points_;
+  LargeArray<uint8_t> point_is_fixed_, is_inlier_;
+  LargeArray<BundleObservation> observations_;
+  LargeArray<ObservedRay> rays_;
+  LargeArray<float> sigmas_;
 };
 
 // Points that were not chosen go with the first pose that sees them.

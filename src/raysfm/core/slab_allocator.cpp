@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <mutex>
 
+#include "raysfm/core/paged_memory.h"
+
 namespace raysfm {
 namespace {
 
@@ -65,6 +67,7 @@ Slab* slab_of(void* block) {
 
 // From the system, twice as much first, of which what is not aligned goes back.
 Slab* new_slab() {
+  if (void* const paged = allocate_paged(kSlabBytes, kSlabBytes)) return ::new (paged) Slab;
   void* const mapped =
       ::mmap(nullptr, 2 * kSlabBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (mapped == MAP_FAILED) throw std::bad_alloc();
@@ -100,7 +103,7 @@ class Slabs {
     in_use_ -= size.bytes;
     if (slab->blocks > 0 || (slab == first && !slab->next)) return;
     unlink(slab, &first);
-    ::munmap(slab, kSlabBytes);
+    if (!free_paged(slab, kSlabBytes)) ::munmap(slab, kSlabBytes);
   }
 
   size_t in_use() {

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <new>
 
+#include "raysfm/core/paged_memory.h"
+
 namespace raysfm {
 
 // Memory for the many small arrays that a map keeps for as long as the video lasts. In the heap they would
@@ -19,7 +21,7 @@ void free_in_slab(void* block, size_t bytes) noexcept;
 // Bytes of all blocks in use, in the whole process.
 size_t slab_bytes_in_use();
 
-// For containers; larger arrays are left to the heap.
+// For containers; larger arrays lie as those of LargeAllocator do.
 template <typename T>
 struct SlabAllocator {
   static_assert(alignof(T) <= 16);
@@ -31,11 +33,11 @@ struct SlabAllocator {
 
   T* allocate(size_t count) {
     const size_t bytes = count * kSize;
-    return static_cast<T*>(bytes > kLargestSlabBlock ? ::operator new(bytes) : allocate_in_slab(bytes));
+    return static_cast<T*>(bytes > kLargestSlabBlock ? allocate_large(bytes) : allocate_in_slab(bytes));
   }
   void deallocate(T* block, size_t count) noexcept {
     const size_t bytes = count * kSize;
-    bytes > kLargestSlabBlock ? ::operator delete(block) : free_in_slab(block, bytes);
+    bytes > kLargestSlabBlock ? free_large(block, bytes) : free_in_slab(block, bytes);
   }
   bool operator==(const SlabAllocator&) const { return true; }
 

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/lenses/elimination_kernels.h"
-#include "raysfm/optim/aligned_vector.h"
 
 namespace raysfm {
 
@@ -70,10 +70,10 @@ class PointElimination {
   std::vector<int> first_row_;  // of a slot: its image's
   Eigen::MatrixXd u_;
   Eigen::VectorXd gradient_;
-  AlignedVector<double> reduced_, right_, numbers_;  // with room for the kernels
-  AlignedVector<double> w_, z_;                      // of the slots, then of the shared numbers by point
-  std::vector<EliminationPair> pairs_;               // by block of S
-  std::vector<int> pair_begin_;                      // of block (r, c), r >= c: number r (r + 1) / 2 + c
+  LargeArray<double> reduced_, right_, numbers_;  // with room for the kernels
+  LargeArray<double> w_, z_;                      // of the slots, then of the shared numbers by point
+  std::vector<EliminationPair> pairs_;            // by block of S
+  std::vector<int> pair_begin_;                   // of block (r, c), r >= c: number r (r + 1) / 2 + c
   std::vector<Eigen::Matrix3d> v_;
   std::vector<double> inverse_factor_;  // L^-1, lower by rows, 6 for each point
   std::vector<Eigen::Vector3d> point_gradient_, y_, point_steps_;

@@ -385,7 +385,7 @@ void Mapper::triangulate_tracks(int keyframe, Map* map) {
 void Mapper::choose_window(const Map& map, int first_observed) {
   const int count = static_cast<int>(map.keyframes.size());
   std::vector<int> shared(count, 0);
-  for (const int t : window_tracks_) {
+  for (const int t : window_.tracks) {
     for (const TrackObservation& o : map.tracks[t].observations) ++shared[o.keyframe];
   }
   std::vector<std::pair<int, int>> older;  // (points, key frame)
@@ -394,87 +394,87 @@ void Mapper::choose_window(const Map& map, int first_observed) {
   }
   std::sort(older.begin(), older.end(), std::greater<>());
   older.resize(options_.paper_window ? 0 : std::min<size_t>(older.size(), kMaxOlder));
-  window_keyframes_.clear();
-  for (const auto& [points, k] : older) window_keyframes_.push_back(k);
-  std::sort(window_keyframes_.begin(), window_keyframes_.end());
-  for (int k = first_observed; k < count; ++k) window_keyframes_.push_back(k);
-  window_pose_of_keyframe_.assign(count, -1);
-  for (size_t i = 0; i < window_keyframes_.size(); ++i) {
-    window_pose_of_keyframe_[window_keyframes_[i]] = static_cast<int>(i);
+  window_.keyframes.clear();
+  for (const auto& [points, k] : older) window_.keyframes.push_back(k);
+  std::sort(window_.keyframes.begin(), window_.keyframes.end());
+  for (int k = first_observed; k < count; ++k) window_.keyframes.push_back(k);
+  window_.pose_of_keyframe.assign(count, -1);
+  for (size_t i = 0; i < window_.keyframes.size(); ++i) {
+    window_.pose_of_keyframe[window_.keyframes[i]] = static_cast<int>(i);
   }
 }
 
 // The window as flat arrays.
 void Mapper::gather(const Map* map, int first_observed, int first_free) {
   const int count = static_cast<int>(map->keyframes.size());
-  window_poses_.clear();
-  window_free_.clear();
-  window_points_.clear();
-  window_tracks_.clear();
-  window_observations_.clear();
-  window_rays_.clear();
-  window_sigmas_.clear();
-  window_sources_.clear();
-  window_inliers_.clear();
-  window_point_of_track_.resize(map->tracks.size(), -1);
+  window_.poses.clear();
+  window_.free.clear();
+  window_.points.clear();
+  window_.tracks.clear();
+  window_.observations.clear();
+  window_.rays.clear();
+  window_.sigmas.clear();
+  window_.sources.clear();
+  window_.inliers.clear();
+  window_.point_of_track.resize(map->tracks.size(), -1);
   for (int k = first_free; k < count; ++k) {
     for (const int t : map->keyframes[k].tracks) {
-      if (t < 0 || !map->tracks[t].triangulated || window_point_of_track_[t] >= 0) continue;
-      window_point_of_track_[t] = static_cast<int>(window_points_.size());
-      window_points_.push_back(map->tracks[t].position);
-      window_tracks_.push_back(t);
+      if (t < 0 || !map->tracks[t].triangulated || window_.point_of_track[t] >= 0) continue;
+      window_.point_of_track[t] = static_cast<int>(window_.points.size());
+      window_.points.push_back(map->tracks[t].position);
+      window_.tracks.push_back(t);
     }
   }
   choose_window(*map, first_observed);
-  for (const int k : window_keyframes_) {
-    window_poses_.push_back(map->keyframes[k].rig_from_world);
-    window_free_.push_back(k >= first_free && k > 0);  // the first key frame is the world
+  for (const int k : window_.keyframes) {
+    window_.poses.push_back(map->keyframes[k].rig_from_world);
+    window_.free.push_back(k >= first_free && k > 0);  // the first key frame is the world
   }
-  for (const int t : window_tracks_) {
+  for (const int t : window_.tracks) {
     for (const TrackObservation& o : map->tracks[t].observations) {
-      const int pose = window_pose_of_keyframe_[o.keyframe];
+      const int pose = window_.pose_of_keyframe[o.keyframe];
       if (pose < 0) continue;
       const MapKeyFrame& k = map->keyframes[o.keyframe];
-      window_observations_.push_back(
-          {pose, window_point_of_track_[t], k.cameras[o.feature], k.instant_pixel(o.feature).cast<double>()});
-      window_sigmas_.push_back(octave_side(k.octaves[o.feature]));
-      if (rig_.angular()) window_rays_.push_back(k.rays[o.feature]);
-      window_sources_.push_back(o);
-      window_inliers_.push_back(k.inliers[o.feature]);
+      window_.observations.push_back(
+          {pose, window_.point_of_track[t], k.cameras[o.feature], k.instant_pixel(o.feature).cast<double>()});
+      window_.sigmas.push_back(octave_side(k.octaves[o.feature]));
+      if (rig_.angular()) window_.rays.push_back(k.rays[o.feature]);
+      window_.sources.push_back(o);
+      window_.inliers.push_back(k.inliers[o.feature]);
     }
   }
 }
 
 BundleProblem Mapper::window_problem(const Map& map) {
   BundleProblem problem{.cameras = rig_.cameras(),
-                        .rig_from_world = window_poses_,
-                        .pose_is_free = window_free_,
-                        .points = window_points_,
+                        .rig_from_world = window_.poses,
+                        .pose_is_free = window_.free,
+                        .points = window_.points,
                         .point_is_fixed = {},
-                        .observations = window_observations_,
-                        .is_inlier = window_inliers_,
-                        .rays = window_rays_,
+                        .observations = window_.observations,
+                        .is_inlier = window_.inliers,
+                        .rays = window_.rays,
                         .lenses = {},
-                        .sigmas = window_sigmas_,
+                        .sigmas = window_.sigmas,
                         .scale_prior = {}};
-  if (!rig_.central()) hold_scale(map, window_pose_of_keyframe_, &problem);
+  if (!rig_.central()) hold_scale(map, window_.pose_of_keyframe, &problem);
   return problem;
 }
 
 void Mapper::scatter(int first_free, Map* map) {
   const int count = static_cast<int>(map->keyframes.size());
   for (int k = first_free; k < count; ++k) {
-    map->keyframes[k].rig_from_world = window_poses_[window_pose_of_keyframe_[k]];
+    map->keyframes[k].rig_from_world = window_.poses[window_.pose_of_keyframe[k]];
   }
-  for (size_t i = 0; i < window_tracks_.size(); ++i) {
-    map->tracks[window_tracks_[i]].position = window_points_[i];
-    window_point_of_track_[window_tracks_[i]] = -1;
+  for (size_t i = 0; i < window_.tracks.size(); ++i) {
+    map->tracks[window_.tracks[i]].position = window_.points[i];
+    window_.point_of_track[window_.tracks[i]] = -1;
   }
-  for (size_t i = 0; i < window_sources_.size(); ++i) {
-    map->keyframes[window_sources_[i].keyframe].inliers[window_sources_[i].feature] = window_inliers_[i];
+  for (size_t i = 0; i < window_.sources.size(); ++i) {
+    map->keyframes[window_.sources[i].keyframe].inliers[window_.sources[i].feature] = window_.inliers[i];
   }
   // A position that fewer than two views support is no position.
-  for (const int t : window_tracks_) {
+  for (const int t : window_.tracks) {
     int support = 0;
     for (const TrackObservation& o : map->tracks[t].observations) {
       support += map->keyframes[o.keyframe].inliers[o.feature];
@@ -488,6 +488,13 @@ void Mapper::adjust(const LocalWindow& window, const BundleOptions& first, const
   gather(map, window.first_observed, window.first_free);
   adjuster_.adjust_two_stage(window_problem(*map), first, second, kInlierError);
   scatter(window.first_free, map);
+}
+
+// What adjusted a whole large map takes twenty times its memory, and windows need little of that.
+void Mapper::release_scratch(const Map& map) {
+  if (map.keyframes.size() <= kLargeMap) return;
+  adjuster_ = {};
+  window_ = {};
 }
 
 void Mapper::adjust_locally(Map* map) {
@@ -510,6 +517,7 @@ void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
     adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
   }
   scatter(first, map);
+  if (first == 0) release_scratch(*map);
 }
 
 void Mapper::adjust_thinned(Map* map) {
@@ -519,20 +527,22 @@ void Mapper::adjust_thinned(Map* map) {
   if (rig_.central()) problem.scale_prior = present_extent();
   raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kThinnedPoints);
   scatter(0, map);
+  release_scratch(*map);
 }
 
 // Holds the scale that nothing tells, which steps of little damping would change at random.
 ScalePrior Mapper::present_extent() const {
   constexpr double kHold = 1e4;
-  const Eigen::Vector3d first = window_poses_.front().inverse().translation;
-  const double distance = (window_poses_.back().inverse().translation - first).norm();
+  const Eigen::Vector3d first = window_.poses.front().inverse().translation;
+  const double distance = (window_.poses.back().inverse().translation - first).norm();
   if (!(distance > 0)) return {};
-  return {static_cast<int>(window_poses_.size()) - 1, 0, distance, kHold};
+  return {static_cast<int>(window_.poses.size()) - 1, 0, distance, kHold};
 }
 
 void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust({}, kAdjustment, kAdjustment, map);
+  release_scratch(*map);
 }
 
 void Mapper::adjust_hierarchically(Map* map) {
@@ -545,6 +555,7 @@ void Mapper::adjust_hierarchically(Map* map) {
   if (rig_.central()) problem.scale_prior = present_extent();
   adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
   scatter(0, map);
+  release_scratch(*map);
 }
 
 void Mapper::measure_scale(ScaleEffort effort, Map* map) {
@@ -553,6 +564,7 @@ void Mapper::measure_scale(ScaleEffort effort, Map* map) {
   gather(map, 0, 0);
   raysfm::measure_scale(kAdjustment, effort, window_problem(*map), adjuster_, map);
   scatter(0, map);
+  release_scratch(*map);
 }
 
 }  // namespace raysfm

@@ -5,6 +5,7 @@
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/bundle/local_bundle.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/matching/across_matcher.h"
@@ -93,6 +94,7 @@ class Mapper {
   ScalePrior present_extent() const;
   void scatter(int first_free, Map* map);
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
+  void release_scratch(const Map& map);
 
   const TrackingRig& rig_;
   const OdometryOptions& options_;
@@ -111,17 +113,19 @@ class Mapper {
   std::vector<Candidate> candidates_;
 
   // The window as flat arrays, and where its elements came from.
-  std::vector<int> window_keyframes_, window_pose_of_keyframe_;
-  std::vector<Rigid3> window_poses_;
-  std::vector<uint8_t> window_free_;
-  std::vector<Eigen::Vector3d> window_points_;
-  std::vector<int> window_tracks_;
-  std::vector<int> window_point_of_track_;
-  std::vector<BundleObservation> window_observations_;
-  std::vector<ObservedRay> window_rays_;
-  std::vector<float> window_sigmas_;
-  std::vector<TrackObservation> window_sources_;
-  std::vector<uint8_t> window_inliers_;
+  struct Window {
+    LargeArray<int> keyframes, pose_of_keyframe;
+    LargeArray<Rigid3> poses;
+    LargeArray<uint8_t> free;
+    LargeArray<Eigen::Vector3d> points;
+    LargeArray<int> tracks, point_of_track;
+    LargeArray<BundleObservation> observations;
+    LargeArray<ObservedRay> rays;
+    LargeArray<float> sigmas;
+    LargeArray<TrackObservation> sources;
+    LargeArray<uint8_t> inliers;
+  };
+  Window window_;
 };
 
 constexpr float kTrackSpacing = 4.0f;  // pixels of the octave, between the features of a key frame

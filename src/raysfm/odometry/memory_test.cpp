@@ -39,9 +39,10 @@ TEST(OdometryMemory, GrowsByTheMapAndThePosesOnly) {
   constexpr size_t kForgotten = 60;  // key frames of which images are kept
   // Bytes. An observation takes 15 in its key frame and 8 in its track, a point 56, a frame 450; of sizes
   // rounded up, and of tracks whose position was given up, there is a little more.
-  // What a place is recognised by takes 36 bytes for each of up to 600 features; of 29 frames of this
-  // corridor about one is a new place, lap after lap, as other points are followed.
-  constexpr double kObservation = 28, kPoint = 100, kFrame = 600 + 36.0 * 600 / 29;
+  // What a place is recognised by takes 36 bytes for each of up to 600 features, and 48 in the index, in
+  // arrays that may be half empty; of 29 frames of this corridor about one is a new place, lap after lap, as
+  // other points are followed.
+  constexpr double kObservation = 28, kPoint = 100, kFrame = 600 + (36.0 + 2 * 48) * 600 / 29;
   const SynthViews corridor = synth_views("corridor", "drive", 30);
   const HeldMemory before = run_forth_and_back(corridor, 7), after = run_forth_and_back(corridor, 12);
   const Reconstruction &a = before.reconstruction, &b = after.reconstruction;

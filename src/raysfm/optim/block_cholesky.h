@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/optim/aligned_vector.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/optim/fill_order.h"
 #include "raysfm/optim/work_team.h"
 
@@ -88,19 +88,19 @@ class BlockCholesky {
   int block_rows_;
   int size_ = 0;
   FillOrder fill_order_;
-  std::vector<int> position_;   // by block row
-  std::vector<int> block_row_;  // by position
+  LargeArray<int> position_;   // by block row
+  LargeArray<int> block_row_;  // by position
 
   // By column: the positions of its rows, ascending, the diagonal first; and the tree of elimination.
-  std::vector<int> column_begin_, column_rows_;
-  std::vector<int> first_child_, next_child_, seen_by_, order_, stack_;
+  LargeArray<int> column_begin_, column_rows_;
+  LargeArray<int> first_child_, next_child_, seen_by_, order_, stack_;
 
-  std::vector<Panel> panels_;
-  std::vector<int> panel_of_;  // by position
-  std::vector<int> rows_;      // positions, panel by panel, ascending
-  std::vector<Update> listed_updates_, updates_;
-  std::vector<int> listed_target_, place_;
-  AlignedVector<double> values_;
+  LargeArray<Panel> panels_;
+  LargeArray<int> panel_of_;  // by position
+  LargeArray<int> rows_;      // positions, panel by panel, ascending
+  LargeArray<Update> listed_updates_, updates_;
+  LargeArray<int> listed_target_, place_;
+  LargeArray<double> values_;
 };
 
 }  // namespace raysfm

@@ -4,6 +4,8 @@
 #include <span>
 #include <vector>
 
+#include "raysfm/core/paged_memory.h"
+
 namespace raysfm {
 
 // An order of elimination with little fill: minimum degree on the graph of a symmetric pattern. Exact degrees
@@ -23,7 +25,7 @@ class FillOrder {
   void eliminate(int pivot);
 
   int size_ = 0, words_ = 0;
-  std::vector<uint64_t> bits_;  // neighbours that are not yet eliminated, by row
+  LargeArray<uint64_t> bits_;  // neighbours that are not yet eliminated, by row
   std::vector<int> degree_, order_;
 };
 

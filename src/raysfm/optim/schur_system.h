@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/optim/aligned_vector.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/optim/block_cholesky.h"
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/optim/schur_kernels.h"
@@ -97,24 +97,24 @@ class SchurSystem {
   double predicted_decrease(double damping) const;
 
   int pose_count_ = 0, point_count_ = 0;
-  std::vector<int> point_begin_, pose_of_slot_, point_of_slot_;
-  std::vector<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
-  std::vector<PoseBlock> poses_;
-  std::vector<PointBlock> points_;
-  AlignedVector<double> cross_;
+  LargeArray<int> point_begin_, pose_of_slot_, point_of_slot_;
+  LargeArray<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
+  LargeArray<PoseBlock> poses_;
+  LargeArray<PointBlock> points_;
+  LargeArray<double> cross_;
 
-  std::vector<int> pattern_begin_, pattern_, marks_;
-  std::vector<size_t> offsets_;
-  std::vector<int64_t> place_;
-  std::vector<SlotPair> pairs_;
-  std::vector<ProductRun> runs_;
+  LargeArray<int> pattern_begin_, pattern_, marks_;
+  LargeArray<size_t> offsets_;
+  LargeArray<int64_t> place_;
+  LargeArray<SlotPair> pairs_;
+  LargeArray<ProductRun> runs_;
   std::vector<int> run_chunks_;  // the runs are shared out in these chunks
   BlockCholesky reduced_{N};
-  std::vector<double> factors_;   // per point: L^-1 and y
-  AlignedVector<double> scaled_;  // Z per slot, laid out as W
-  std::vector<double> right_;     // right hand side and solution of S, by position
-  std::vector<double> work_;
-  std::vector<double> pose_steps_, point_steps_;
+  LargeArray<double> factors_;  // per point: L^-1 and y
+  LargeArray<double> scaled_;   // Z per slot, laid out as W
+  LargeArray<double> right_;    // right hand side and solution of S, by position
+  LargeArray<double> work_;
+  LargeArray<double> pose_steps_, point_steps_;
 };
 
 extern template class SchurSystem<6>;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "raysfm/core/archive.h"
+#include "raysfm/core/slab_allocator.h"
 #include "raysfm/features/descriptor.h"
 
 namespace raysfm {
@@ -42,8 +43,8 @@ class PlaceIndex {
   struct TwoNearest;
   // What was filed under one value of a quarter.
   struct Bucket {
-    std::vector<uint64_t> signatures;  // the 64 bits
-    std::vector<uint32_t> places;
+    std::vector<uint64_t, SlabAllocator<uint64_t>> signatures;  // the 64 bits
+    std::vector<uint32_t, SlabAllocator<uint32_t>> places;
 
     template <typename A>
     void archive(A& a) {

@@ -6,8 +6,8 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/camera/observed_ray.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/geometry/pose.h"
-#include "raysfm/optim/aligned_vector.h"
 #include "raysfm/optim/robust_loss.h"
 #include "raysfm/residuals/residual_kernels.h"
 
@@ -77,8 +77,8 @@ class PoseResiduals {
   const Rig* rig_ = nullptr;
   bool has_rays_ = false;
   std::vector<Group> groups_;  // one for each camera; rays are one
-  AlignedVector<Block> blocks_;
-  AlignedVector<RayBlock> rays_;         // by block
+  LargeArray<Block> blocks_;
+  LargeArray<RayBlock> rays_;            // by block
   std::vector<double> u_, v_;            // observed pixels by lane
   std::vector<int> lane_of_;             // by observation loaded
   std::vector<int> all_;                 // 0, 1, 2 ...

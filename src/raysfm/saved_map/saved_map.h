@@ -45,6 +45,11 @@ Result<void> check_saved_map(const SavedMap& map);
 // Errors: bad input, one line with file, place, value and what is allowed.
 Result<SavedMap> read_saved_map(const std::filesystem::path& path);
 
+// From now on, of the maps of this process and of what adjusts them, what is far lies in a file beside a map
+// that is to be written (core/paged_memory.h): 128 MiB of it stay in memory. The folder must be there.
+// Error: internal, where that cannot be, which changes nothing but the memory that a run takes.
+Result<void> keep_far_beside(const std::filesystem::path& map);
+
 // Holds a file for this run alone, from before it is read until the last time that it is written, so that no
 // run takes back what another has added.
 class SavedMapWriter {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/saved_map/map_database.h"
 #include "raysfm/saved_map/map_rows.h"
@@ -147,6 +148,11 @@ Result<void> write_database(const SavedMap& map, const std::filesystem::path& fi
 }
 
 }  // namespace
+
+Result<void> keep_far_beside(const std::filesystem::path& map) {
+  constexpr size_t kResident = size_t{128} << 20;
+  return page_to(map.parent_path(), kResident);
+}
 
 Result<SavedMapWriter> SavedMapWriter::open(const std::filesystem::path& path) {
   if (path.has_parent_path()) {
