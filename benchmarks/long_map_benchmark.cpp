@@ -1,14 +1,16 @@
 // What a closing and the final adjustments of a long map cost, in seconds of the processor, memory and
 // metres: a drive round a block with the drift of an odometry, one metre from key frame to key frame. Usage:
 //   long_map_benchmark closing [KEYFRAMES...]     one round and a little more; default 200 1000 5000
-//   long_map_benchmark global|hierarchical KEYFRAMES [POINTS]    rounds of 1000, each of which meets the ones
-//                                                 before; POINTS in a key frame (250)
+//   long_map_benchmark global|hierarchical KEYFRAMES [POINTS [FOLDER]]    rounds of 1000, each of which meets
+//                                                 the ones before; POINTS in a key frame (250); what is far
+//                                                 lies in FOLDER, 128 MiB of it in memory
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
 #include <string>
 
 #include "raysfm/core/memory.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/places/loop_closing.h"
 #include "support/long_drive.h"
@@ -110,6 +112,11 @@ int main(int argc, char** argv) {
       for (const bool all_points : {true, false}) close(keyframes, all_points);
     }
   } else {
+    if (argc > 4) {
+      if (const auto paged = page_to(argv[4], size_t{128} << 20); !paged) {
+        return std::printf("%s\n", paged.error().message.c_str()), 1;
+      }
+    }
     adjust_finally(what == "hierarchical", argc > 2 ? std::atoi(argv[2]) : 1000,
                    argc > 3 ? std::atoi(argv[3]) : 250);
   }

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/mman.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,6 +20,7 @@
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
 
 namespace raysfm {
 namespace {
@@ -28,7 +30,7 @@ constexpr size_t kReserved = size_t{256} << 30;  // bytes of addresses, the most
 constexpr size_t kMostAligned = 1 << 20;
 constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap
 constexpr std::align_val_t kCacheLine{64};
-constexpr std::chrono::milliseconds kWatched{3};
+constexpr std::chrono::milliseconds kWatched{2};
 
 size_t rounded_up(size_t value, size_t step) {
   return (value + step - 1) / step * step;
@@ -49,6 +51,19 @@ class ResidentOfFiles {
  private:
   int statm_;
 };
+
+// The calling thread works for a moment at a time and should not wait for those that compute: from Linux 6.12
+// on it may say so, before that nothing happens.
+void ask_for_short_turns() {
+  struct {
+    uint32_t size = 48, policy = 0;
+    uint64_t flags = 0;
+    int32_t nice = 0;
+    uint32_t priority = 0;
+    uint64_t runtime = 100'000, deadline = 0, period = 0;  // nanoseconds
+  } attributes;
+  ::syscall(SYS_sched_setattr, 0, &attributes, 0);
+}
 
 // A file that has no name, or none any more; -1 where there is none to be had.
 int open_nameless(const std::filesystem::path& folder) {
@@ -100,13 +115,16 @@ class PageFile {
   // Lets go of everything whenever too much of it is in memory: what is in use comes back at once, from the
   // system's cache of the file as long as there is room for that.
   void watch() const {
+    ask_for_short_turns();
     const ResidentOfFiles resident;
-    size_t others = resident.now();
+    size_t others = resident.now(), left = others;
     for (;;) {
       std::this_thread::sleep_for(kWatched);
       if (used_ <= resident_ || resident.now() <= others + resident_) continue;
       let_go();
-      others = resident.now();
+      // Others may have gone on meanwhile, which it must not take for what is not of the file.
+      const size_t now = resident.now();
+      others = std::min(now, std::exchange(left, now));
     }
   }
 
