@@ -12,7 +12,8 @@ namespace {
 constexpr double kTold = 0.5;
 // Patches are found a few hundredths of a pixel from where they are, and not at random: a change that moves
 // what was observed by much less is not believed, however many observations agree.
-constexpr double kLeastEffect = 0.01;
+// One that was changed already is not exact: the better number of the two is then worth less of a change.
+constexpr double kLeastEffect = 0.01, kLeastFurtherEffect = 0.002;
 // Standard deviations by which a number must be off to be changed.
 constexpr double kSignificant = 4;
 // Logarithm of the odds at which other numbers than those changed before are changed instead. Over twenty key
@@ -184,8 +185,8 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
   return best;
 }
 
-bool is_worth_it(const CalibrationChoice& choice) {
-  return choice.effect > kLeastEffect;
+bool is_worth_it(const CalibrationChoice& choice, bool was_changed) {
+  return choice.effect > (was_changed ? kLeastFurtherEffect : kLeastEffect);
 }
 
 }  // namespace raysfm

@@ -28,7 +28,8 @@ struct CalibrationChoice {
 // prior says nothing: it is then ten times as wide.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence);
 
-// Whether the change is worth adapting everything to it.
-bool is_worth_it(const CalibrationChoice& choice);
+// Whether the change is worth adapting everything to it; `was_changed`: the given calibration was changed
+// before.
+bool is_worth_it(const CalibrationChoice& choice, bool was_changed = false);
 
 }  // namespace raysfm

@@ -12,15 +12,16 @@
 namespace raysfm {
 namespace {
 
-constexpr int kStretch = 20;      // key frames
-constexpr int kLeastStretch = 8;  // of the last
+constexpr int kFirst = 20;         // key frames, after which a calibration is asked for
+constexpr int kLeastStretch = 8;   // of the last
+constexpr int kLongest = 80;       // key frames of a stretch
+constexpr double kGrowth = 2;      // of the key frames from one time to the next
+constexpr double kRescaled = 0.1;  // logarithm of the factor to a scale that makes it another
 constexpr int kShutterKeyFrames = 8;
-constexpr int kSpacing = 8;    // stretches after which every second one is measured, then every third, ...
 constexpr int kLeastSeen = 3;  // key frames that see a point
 constexpr int kPointsPerKeyFrame = 10, kPointsOfFirst = 40;
-constexpr double kDoubt = 5;     // of a calibration that is told to be refined
-constexpr double kGrowth = 1.5;  // of the stretches from one change to the next
-constexpr double kFar = 0.2;     // effect of a change after which residuals are linearised anew
+constexpr double kDoubt = 5;  // of a calibration that is told to be refined
+constexpr double kFar = 0.2;  // effect of a change after which residuals are linearised anew
 // Logarithm of the ratio of two focal lengths, and standard deviations of it, that a lens has zoomed.
 constexpr double kZoom = 0.05, kSurelyZoomed = 8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
@@ -34,18 +35,42 @@ CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, con
   choice_ = choose_calibration(parameters_, CalibrationEvidence::nothing(values_));
 }
 
-int CalibrationRefiner::first_new(int world) const {
+int CalibrationRefiner::measured_until(int world) const {
+  int end = 0;
+  for (const Stretch& s : stretches_) {
+    if (s.world == world) end = std::max(end, s.end);
+  }
+  return end;
+}
+
+// Where the stretch begins that the next key frames of a world belong to.
+int CalibrationRefiner::first_open(int world) const {
   int first = 0;
   for (const Stretch& s : stretches_) {
-    if (s.world == world) first = std::max(first, s.end);
+    if (s.world == world) first = std::max(first, s.end - s.begin < kLongest ? s.begin : s.end);
   }
   return first;
 }
 
-bool CalibrationRefiner::is_due(int world, int keyframes, bool last) const {
+int CalibrationRefiner::measured() const {
+  int keyframes = 0;
+  for (const Stretch& s : stretches_) keyframes += s.end - s.begin;
+  return keyframes;
+}
+
+// Where rays have different origins, what is seen from a map of another scale tells another lens.
+bool CalibrationRefiner::is_outdated(const Stretch& stretch, int world, const Map& map) const {
+  return stretch.world == world && std::abs(std::log(map.rescaled / stretch.rescaled)) > kRescaled;
+}
+
+// To measure and to adapt everything is dear: only what has become much more evidence since is worth it.
+bool CalibrationRefiner::is_due(int world, const Map& map, bool last) const {
   if (how_ == LensRefinement::kOff || parameters_.size() == 0) return false;
-  const int spacing = 1 + static_cast<int>(stretches_.size()) / kSpacing;
-  return keyframes - first_new(world) >= (last ? kLeastStretch : kStretch * spacing);
+  const int keyframes = static_cast<int>(map.keyframes.size());
+  const auto is_outdated = [&](const Stretch& s) { return this->is_outdated(s, world, map); };
+  if (keyframes >= kFirst && std::ranges::any_of(stretches_, is_outdated)) return true;
+  const int fresh = keyframes - measured_until(world);
+  return fresh >= (last ? kLeastStretch : std::max<int>(kFirst, std::lround((kGrowth - 1) * measured())));
 }
 
 // The longest tracks, of each key frame about as many.
@@ -125,31 +150,32 @@ void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, cons
   std::optional<CalibrationEvidence> evidence =
       measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
-  stretches_.push_back({world, end, *std::move(evidence)});
+  stretches_.push_back({world, begin, end, map.rescaled, *std::move(evidence)});
 }
 
 void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
                                  const VelocityOf& velocity_of) {
   const int count = static_cast<int>(map.keyframes.size());
-  measure_stretch(rig, world, map, velocity_of, std::max(first_new(world), count - kStretch), count);
+  std::erase_if(stretches_, [&](const Stretch& s) { return is_outdated(s, world, map); });
+  int begin = first_open(world);
+  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world && s.begin >= begin; });
+  for (; count - begin >= kLeastStretch; begin += kLongest)
+    measure_stretch(rig, world, map, velocity_of, begin, std::min(begin + kLongest, count));
 }
 
-// As many stretches as there were. What other worlds said of it was said about another calibration, too far
-// from this one to count.
+// What other worlds said of a calibration that was far from this one does not count.
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
                                        const VelocityOf& velocity_of) {
-  const size_t most = stretches_.size();
-  const int count = static_cast<int>(map.keyframes.size());
-  stretches_.clear();
-  for (int end = count; end >= kLeastStretch && stretches_.size() < most; end -= kStretch) {
-    measure_stretch(rig, world, map, velocity_of, std::max(0, end - kStretch), end);
-  }
+  const bool was_far = choice_.effect > kFar;
+  std::erase_if(stretches_, [&](const Stretch& s) { return was_far || s.world == world; });
+  measure(rig, world, map, velocity_of);
 }
 
 void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {
   for (Stretch& s : stretches_) {
     if (s.world != world) continue;
     s.world = into;
+    s.begin = new_number_of_keyframe[s.begin];
     s.end = new_number_of_keyframe[s.end - 1] + 1;
   }
 }
@@ -158,7 +184,7 @@ std::optional<Rig> CalibrationRefiner::better() {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
   choice_ = choose_calibration(parameters_, all);
-  return is_worth_it(choice_) && has_grown() ? chosen_rig() : std::nullopt;
+  return is_worth_it(choice_, !values_.isZero()) ? chosen_rig() : std::nullopt;
 }
 
 // Of a world's stretches those before and those from `split` on.
@@ -226,17 +252,10 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
   return std::nullopt;
 }
 
-// To adapt everything is dear: only what has become much more evidence since is worth it.
-bool CalibrationRefiner::has_grown() const {
-  return static_cast<double>(stretches_.size()) >= kGrowth * static_cast<double>(taken_over_at_);
-}
-
 bool CalibrationRefiner::take_over() {
   values_ = choice_.values;
   contradicts_ = choice_.contradicts;
-  if (choice_.effect > kFar) return true;
-  taken_over_at_ = stretches_.size();
-  return false;
+  return choice_.effect > kFar;
 }
 
 // Changes of a camera that differs from the first by its own add up.

@@ -34,13 +34,14 @@ class CalibrationRefiner {
  public:
   CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior = {});
 
-  // Whether a world of so many key frames has a new stretch to be measured; `last` when no more will come.
-  bool is_due(int world, int keyframes, bool last) const;
+  // Whether a world has much that was not measured, or was at another scale; `last` when no more will come.
+  bool is_due(int world, const Map& map, bool last) const;
 
   // Velocity of the rig at a key frame of the world that is measured.
   using VelocityOf = std::function<Velocity(int keyframe)>;
 
-  // Measures the newest stretch of a world.
+  // Measures what of a world was not measured yet, its last stretch anew where that became longer, and all of
+  // it where its scale is another now.
   void measure(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
 
   // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
@@ -74,28 +75,31 @@ class CalibrationRefiner {
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.significance, choice_.is_told,
-                    choice_.contradicts, choice_.effect, contradicts_, stretches_, taken_over_at_);
+                    choice_.contradicts, choice_.effect, contradicts_, stretches_);
   }
 
  private:
   struct Stretch {
     int world = 0;
-    int end = 0;  // key frame after its last
+    int begin = 0, end = 0;  // key frames, the last of which is before `end`
+    double rescaled = 1;     // Map::rescaled, of the map that was measured
     CalibrationEvidence evidence;
 
     template <typename A>
     void archive(A& a) {
       CalibrationEvidence& e = evidence;
-      raysfm::archive(a, world, end, e.at, e.information, e.gradient, e.scatter, e.lens_scatter, e.cost,
-                      e.observations);
+      raysfm::archive(a, world, begin, end, rescaled, e.at, e.information, e.gradient, e.scatter,
+                      e.lens_scatter, e.cost, e.observations);
     }
   };
 
-  int first_new(int world) const;
+  int measured_until(int world) const;
+  int first_open(int world) const;
+  int measured() const;
+  bool is_outdated(const Stretch& stretch, int world, const Map& map) const;
   std::optional<FocalChange> change_at(std::span<const Stretch* const> stretches, size_t split,
                                        double* significance) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
-  bool has_grown() const;
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
   void choose_points(const Map& map, int begin, int end);
@@ -108,7 +112,6 @@ class CalibrationRefiner {
   CalibrationChoice choice_;  // of what was measured last
   bool contradicts_ = false;
   std::vector<Stretch> stretches_;
-  size_t taken_over_at_ = 0;  // stretches there were
 
   std::vector<Rigid3> poses_;
   std::vector<uint8_t> free_;

@@ -739,10 +739,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   }
   for (size_t s = 0; s < segments_.size(); ++s) {
     if (segments_[s].joined_into >= 0) continue;
-    Map& map = segments_[s].map;
-    const double rescaled = map.rescaled;
-    mapper_.measure_scale(ScaleEffort::kFull, &map);
-    rescale_frames(static_cast<int>(s), map.rescaled / rescaled);
+    find_scale(static_cast<int>(s));
   }
   if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
   for (int i = 0; i < frames(); ++i) settle(i);

@@ -227,6 +227,7 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
   void adapt(int segment, int first_keyframe);
+  void find_scale(int number);
   void adjust_from(int segment, int first_keyframe, bool to_the_end);
   std::vector<Rigid3> poses_of(int segment) const;
   void carry_frames(int segment, const std::vector<Rigid3>& before);

@@ -8,7 +8,7 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMostRounds = 3;  // of one change, each from where the one before led
+constexpr int kMostRounds = 8;  // of one change, each from where the one before led
 // Key frames that are adapted at once; those before them wait for the end.
 constexpr int kAdapted = 40;
 
@@ -20,7 +20,7 @@ void Odometry::refine_calibration(int number, bool last) {
   SegmentState& s = segments_[number];
   const int keyframes = static_cast<int>(s.map.keyframes.size());
   const bool asks_for_shutter = !last && refiner_.is_shutter_due(keyframes);
-  if (!asks_for_shutter && !refiner_.is_due(number, keyframes, last)) return;
+  if (!asks_for_shutter && !refiner_.is_due(number, s.map, last)) return;
   ScopedTimer timer(calibrate_timing_);
   const auto velocity_of = [&](int keyframe) { return keyframe_velocity(s.map.keyframes[keyframe]); };
   std::optional<Rig> better;
@@ -36,11 +36,22 @@ void Odometry::refine_calibration(int number, bool last) {
     ++calibration_;
     rig_ = TrackingRig(*better, options_.error);
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted));
-    const bool again = refiner_.take_over();
+    find_scale(number);
+    const bool is_far = refiner_.take_over();
+    // Where rays have different origins, lens and scale tell each other: each moves with the other.
+    const bool again = is_far || !rig_.central();
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
     if (!again) return;
     refiner_.measure_again(rig_, number, s.map, velocity_of);
   }
+}
+
+// Of a world that is another calibration's now.
+void Odometry::find_scale(int number) {
+  Map& map = segments_[number].map;
+  const double rescaled = map.rescaled;
+  mapper_.measure_scale(ScaleEffort::kFull, &map);
+  rescale_frames(number, map.rescaled / rescaled);
 }
 
 std::optional<SeenZoom> Odometry::lens_change() const {
