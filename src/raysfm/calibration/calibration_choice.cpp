@@ -14,8 +14,8 @@ constexpr double kTold = 0.5;
 // what was observed by much less is not believed, however many observations agree.
 // One that was changed already is not exact: the better number of the two is then worth less of a change.
 constexpr double kLeastEffect = 0.01, kLeastFurtherEffect = 0.002;
-// Standard deviations by which a number must be off to be changed.
-constexpr double kSignificant = 4;
+// Standard deviations by which a number must be off to be changed, and below which one is no longer that was.
+constexpr double kSignificant = 4, kNoMore = 2;
 // Logarithm of the odds at which other numbers than those changed before are changed instead. Over twenty key
 // frames a focal length and distortion explain the same about as well, and each change would lead to the
 // other.
@@ -70,7 +70,8 @@ Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior
     for (size_t k = 0; k < open->size(); ++k) {
       const double significance2 = posterior.values[k] * posterior.values[k] / posterior.covariance(k, k);
       const bool was_off = at.size() > 0 && at[(*open)[k]] != 0;
-      if (significance2 >= kSignificant * kSignificant || was_off > is_off) continue;
+      const double enough = was_off ? kNoMore : kSignificant;
+      if (significance2 >= enough * enough || was_off > is_off) continue;
       if (least >= 0 && was_off == is_off && significance2 >= lowest) continue;
       least = static_cast<int>(k), lowest = significance2, is_off = was_off;
     }

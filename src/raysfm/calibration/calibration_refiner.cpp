@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <iterator>
 #include <set>
 #include <string>
 
@@ -133,8 +133,10 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
   }
 }
 
-void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, const Map& map,
-                                         const VelocityOf& velocity_of, int begin, int end) {
+CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingRig& rig, int world,
+                                                                 const Map& map,
+                                                                 const VelocityOf& velocity_of, int begin,
+                                                                 int end) {
   gather(rig, map, velocity_of, begin, end);
   const BundleProblem problem{.cameras = rig.cameras(),
                               .rig_from_world = poses_,
@@ -150,7 +152,7 @@ void CalibrationRefiner::measure_stretch(const TrackingRig& rig, int world, cons
   std::optional<CalibrationEvidence> evidence =
       measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
-  stretches_.push_back({world, begin, end, map.rescaled, *std::move(evidence)});
+  return {world, begin, end, map.rescaled, *std::move(evidence)};
 }
 
 void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
@@ -160,7 +162,8 @@ void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& m
   int begin = first_open(world);
   std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world && s.begin >= begin; });
   for (; count - begin >= kLeastStretch; begin += kLongest)
-    measure_stretch(rig, world, map, velocity_of, begin, std::min(begin + kLongest, count));
+    stretches_.push_back(
+        measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kLongest, count)));
 }
 
 // What other worlds said of a calibration that was far from this one does not count.
@@ -188,11 +191,11 @@ std::optional<Rig> CalibrationRefiner::better() {
 }
 
 // Of a world's stretches those before and those from `split` on.
-std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch* const> stretches,
-                                                         size_t split, double* significance) const {
+std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch> stretches, size_t split,
+                                                         double* significance) const {
   CalibrationEvidence parts[2] = {CalibrationEvidence::nothing(values_),
                                   CalibrationEvidence::nothing(values_)};
-  for (size_t s = 0; s < stretches.size(); ++s) parts[s >= split].add(stretches[s]->evidence);
+  for (size_t s = 0; s < stretches.size(); ++s) parts[s >= split].add(stretches[s].evidence);
   const CalibrationChoice before = choose_calibration(parameters_, parts[0]),
                           after = choose_calibration(parameters_, parts[1]);
   std::optional<FocalChange> change;
@@ -205,23 +208,29 @@ std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch
     *significance = sigmas;
     int camera = 0;
     while (!parameters_.concerns(i, camera)) ++camera;
-    change = FocalChange{stretches[0]->world, stretches[split - 1]->end,
-                         parameters_.number(i, camera, parameters_.rig(before.values)),
-                         parameters_.number(i, camera, parameters_.rig(after.values))};
+    change =
+        FocalChange{stretches[split - 1].end, parameters_.number(i, camera, parameters_.rig(before.values)),
+                    parameters_.number(i, camera, parameters_.rig(after.values))};
   }
   return change;
 }
 
-std::optional<FocalChange> CalibrationRefiner::focal_change() const {
-  std::map<int, std::vector<const Stretch*>> of_world;
-  for (const Stretch& s : stretches_) of_world[s.world].push_back(&s);
+// The first stretch hides what changed within it: it is measured in short ones.
+std::optional<FocalChange> CalibrationRefiner::focal_change(const TrackingRig& rig, int world, const Map& map,
+                                                            const VelocityOf& velocity_of) {
+  if (how_ == LensRefinement::kOff || parameters_.size() == 0) return std::nullopt;
+  const int count = static_cast<int>(map.keyframes.size()), until = std::min(count, kLongest);
+  std::vector<Stretch> stretches;
+  for (int begin = 0; until - begin >= kLeastStretch; begin += kFirst)
+    stretches.push_back(
+        measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kFirst, until)));
+  std::ranges::copy_if(stretches_, std::back_inserter(stretches),
+                       [&](const Stretch& s) { return s.world == world && s.begin >= kLongest; });
+  std::ranges::sort(stretches, {}, &Stretch::end);
   std::optional<FocalChange> surest;
   double significance = 0;
-  for (auto& [world, stretches] : of_world) {
-    std::ranges::sort(stretches, {}, &Stretch::end);
-    for (size_t split = 1; split < stretches.size(); ++split) {
-      if (const auto change = change_at(stretches, split, &significance)) surest = change;
-    }
+  for (size_t split = 1; split < stretches.size(); ++split) {
+    if (const auto change = change_at(stretches, split, &significance)) surest = change;
   }
   return surest;
 }

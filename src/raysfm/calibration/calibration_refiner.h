@@ -23,7 +23,6 @@ enum class LensRefinement : uint8_t {
 
 // A focal length that is another one in the later part of a world.
 struct FocalChange {
-  int world = 0;
   int keyframe = 0;              // after the last that has the earlier one
   double before = 0, after = 0;  // pixels
 };
@@ -63,7 +62,8 @@ class CalibrationRefiner {
 
   // Whether what was measured of a world says of its earlier part another focal length than of its later one,
   // beyond doubt: the camera zoomed, which one calibration does not hold.
-  std::optional<FocalChange> focal_change() const;
+  std::optional<FocalChange> focal_change(const TrackingRig& rig, int world, const Map& map,
+                                          const VelocityOf& velocity_of);
 
   // Every number that is looked at, camera by camera; none where nothing was measured.
   std::vector<CalibrationNumber> numbers() const;
@@ -97,14 +97,14 @@ class CalibrationRefiner {
   int first_open(int world) const;
   int measured() const;
   bool is_outdated(const Stretch& stretch, int world, const Map& map) const;
-  std::optional<FocalChange> change_at(std::span<const Stretch* const> stretches, size_t split,
+  std::optional<FocalChange> change_at(std::span<const Stretch> stretches, size_t split,
                                        double* significance) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
   void choose_points(const Map& map, int begin, int end);
-  void measure_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
-                       int begin, int end);
+  Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
+                           int begin, int end);
 
   LensRefinement how_;
   RigParameters parameters_;

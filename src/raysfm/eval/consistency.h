@@ -10,9 +10,6 @@
 
 namespace raysfm {
 
-// Of a tangent (v, w), geometry/pose.h.
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-
 // How the errors of positions, or of orientations, compare with what their covariances say.
 struct Consistency {
   // Part of the frames whose error e lies within the 90 % ellipsoid: e^T C^-1 e <= 6.25, three degrees of

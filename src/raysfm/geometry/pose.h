@@ -7,6 +7,10 @@
 
 namespace raysfm {
 
+// Of the tangent of a pose (v, w), see retract(), and of its covariance.
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
 // Rigid motion. A variable of this type is named b_from_a: x_in_b = b_from_a * x_in_a.
 struct Rigid3 {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();  // unit

@@ -2,13 +2,12 @@
 #include <cmath>
 #include <limits>
 
+#include "raysfm/geometry/pose.h"
 #include "raysfm/lenses/intrinsics_free.h"
 
 namespace raysfm {
 namespace {
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix26d = Eigen::Matrix<double, 2, 6>;
 using Matrix5x6d = Eigen::Matrix<double, 5, 6>;
 

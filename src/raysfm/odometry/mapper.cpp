@@ -557,18 +557,18 @@ void Mapper::adjust_hierarchically(Map* map) {
     return problem_cost(with_outliers, kLoss).cost;
   };
   const double before = cost();
-  const LargeArray<Rigid3> poses = window_poses_;
-  const LargeArray<Eigen::Vector3d> points = window_points_;
-  const LargeArray<uint8_t> inliers = window_inliers_;
+  const LargeArray<Rigid3> poses = window_.poses;
+  const LargeArray<Eigen::Vector3d> points = window_.points;
+  const LargeArray<uint8_t> inliers = window_.inliers;
   merge_pieces(problem, kAdjustment, {});
   // Pieces are joined as well as the few points at their ends tell: what that bent is along the weakest
   // directions. With damping, kitti00-small kept 0.4 m of it.
   if (rig_.central()) problem.scale_prior = present_extent();
   adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
   if (!(cost() <= before)) {  // pieces of thousands of key frames may not find together
-    std::ranges::copy(poses, window_poses_.begin());
-    std::ranges::copy(points, window_points_.begin());
-    std::ranges::copy(inliers, window_inliers_.begin());
+    std::ranges::copy(poses, window_.poses.begin());
+    std::ranges::copy(points, window_.points.begin());
+    std::ranges::copy(inliers, window_.inliers.begin());
     adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
   }
   scatter(0, map);

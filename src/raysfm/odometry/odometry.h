@@ -104,7 +104,7 @@ class Odometry {
   OdometryTimings timings() const;
 
   // Whether the camera zoomed, as far as what was measured of the calibration tells; before finish().
-  std::optional<SeenZoom> lens_change() const;
+  std::optional<SeenZoom> lens_change();
 
   // Frames of which a large part does not stand still in their world.
   std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }

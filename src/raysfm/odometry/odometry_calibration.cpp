@@ -54,11 +54,15 @@ void Odometry::find_scale(int number) {
   rescale_frames(number, map.rescaled / rescaled);
 }
 
-std::optional<SeenZoom> Odometry::lens_change() const {
-  const std::optional<FocalChange> change = refiner_.focal_change();
-  if (!change) return std::nullopt;
-  const std::vector<MapKeyFrame>& keyframes = segments_[change->world].map.keyframes;
-  return SeenZoom{keyframes[change->keyframe].frame, change->before, change->after};
+std::optional<SeenZoom> Odometry::lens_change() {
+  for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
+    if (segments_[s].joined_into >= 0) continue;
+    const Map& map = segments_[s].map;
+    const auto velocity_of = [&](int keyframe) { return keyframe_velocity(map.keyframes[keyframe]); };
+    if (const auto change = refiner_.focal_change(rig_, s, map, velocity_of))
+      return SeenZoom{map.keyframes[change->keyframe].frame, change->before, change->after};
+  }
+  return std::nullopt;
 }
 
 // Map, views and frames of a world as the present calibration has them, from a key frame on.

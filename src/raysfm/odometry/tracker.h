@@ -83,7 +83,7 @@ class Tracker {
 
   // Whether the focal length is another one from some frame on, beyond doubt: one calibration does not hold
   // all, and `solve` does better. None where nothing is refined. Before finish().
-  std::optional<SeenZoom> lens_change() const { return odometry_.lens_change(); }
+  std::optional<SeenZoom> lens_change() { return odometry_.lens_change(); }
   std::vector<OtherMotion> other_motion() const { return odometry_.other_motion(); }
   NewestView newest_view() const { return odometry_.newest_view(); }
   const TrackingRig& rig() const { return odometry_.rig(); }

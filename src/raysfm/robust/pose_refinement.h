@@ -13,10 +13,6 @@
 
 namespace raysfm {
 
-// Of tangents of poses: translation, then rotation.
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-
 // Known points and where a rig saw them: flat arrays of one length. Seen at pixels of cameras that project,
 // or along rays, for any camera: where `rays` is not empty, neither the pixels nor the cameras (nor the rig)
 // are looked at. The rays are in the rig's frame and whitened to pixels (AngularWeight::kPixel), so that

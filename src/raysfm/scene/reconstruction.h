@@ -14,9 +14,6 @@
 
 namespace raysfm {
 
-// Of tangents of poses: translation, then rotation.
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-
 // One frame of the input. `world_from_rig` is empty where the frame could not be posed; `reason` then says
 // why.
 struct PosedFrame {

@@ -5,10 +5,11 @@
 #include <cmath>
 #include <limits>
 
+#include "raysfm/geometry/pose.h"
+
 namespace raysfm {
 namespace {
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 
 // Standard deviation of a principal point that is not known, as a share of the image's larger side.

@@ -6,12 +6,11 @@
 #include <cmath>
 
 #include "raysfm/core/random.h"
+#include "raysfm/geometry/pose.h"
 #include "raysfm/uncalibrated/video_resection.h"
 
 namespace raysfm {
 namespace {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 // Points about a camera at the origin of the world, turned a little.
 struct Scene {
