@@ -12,7 +12,7 @@ constexpr double kConnected = 0.2;  // of its points, that it shares with a plac
 // Places looked at closely: those of most votes, where these are more than chance gives: standard deviations
 // of a count.
 constexpr int kMostLookedAt = 3;
-constexpr double kProminent = 5;
+constexpr double kProminent = 4;
 // Logarithm to base 10 of the false alarms of a place that is believed when it fits what is known.
 constexpr double kSignificant = -20;
 // The same place: parts of the distance to the points, radians.
