@@ -21,11 +21,11 @@ namespace {
 
 constexpr size_t kMib = size_t{1} << 20, kResident = 32 * kMib;
 
-// Of this process, bytes.
+// Bytes of files that are in memory for this process; what a sanitizer keeps of each address is not among them.
 size_t resident() {
-  size_t all = 0, pages = 0;
-  std::ifstream("/proc/self/statm") >> all >> pages;
-  return pages * 4096;
+  size_t all = 0, any = 0, of_files = 0;
+  std::ifstream("/proc/self/statm") >> all >> any >> of_files;
+  return of_files * 4096;
 }
 
 // Memory is paged for the rest of a process: each of these has one of its own, which says what failed.
