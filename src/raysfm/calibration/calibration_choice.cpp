@@ -34,28 +34,52 @@ struct Posterior {
   Eigen::MatrixXd covariance;
 };
 
-// With S the information, M the covariance of the gradient and t the unknowns, the evidence is S t = S at - g
-// up to an error of covariance M.
+// The evidence as a linear model of some unknowns t, in those units: with S the information, M the covariance
+// of the gradient and r = S at - g, r = S t up to an error of covariance M.
+struct LinearEvidence {
+  Eigen::MatrixXd information;  // S M^-1 S
+  Eigen::VectorXd moment;       // S M^-1 r
+
+  // What is not among the unknowns is at zero.
+  LinearEvidence(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                 const std::vector<int>& unknowns) {
+    constexpr double kRounding = 1e-9;
+    const Eigen::VectorXd unit = prior_sigma(unknowns);
+    const Eigen::MatrixXd s = unit.asDiagonal() * e.information(unknowns, unknowns) * unit.asDiagonal();
+    const Eigen::VectorXd right = e.information * e.at - e.gradient;
+    const double sigma2 = 2 * e.cost / std::max(1, 2 * e.observations);
+    Eigen::MatrixXd m = unit.asDiagonal() * e.scatter(unknowns, unknowns) * unit.asDiagonal();
+    m += sigma2 * s;
+    m.diagonal().array() += kRounding * std::max(1.0, m.diagonal().maxCoeff());
+    const Eigen::MatrixXd weighted = m.ldlt().solve(s);
+    information = s * weighted;
+    moment = weighted.transpose() * (unit.asDiagonal() * right(unknowns));
+  }
+
+  // Of some of these, given by their places among them, the others at zero.
+  Posterior posterior(const std::vector<int>& some) const {
+    const auto n = static_cast<Eigen::Index>(some.size());
+    const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(n, n);
+    Posterior p;
+    p.covariance = (information(some, some) + identity).ldlt().solve(identity);
+    p.values = p.covariance * moment(some);
+    return p;
+  }
+
+  // Logarithm of how likely all of the evidence is when only these unknowns are off, against none (MacKay,
+  // Information Theory 28.1).
+  double log_evidence(const std::vector<int>& some) const {
+    if (some.empty()) return 0;
+    const Posterior p = posterior(some);
+    return 0.5 * (moment(some).dot(p.values) + p.covariance.ldlt().vectorD().array().log().sum());
+  }
+};
+
 Posterior estimate(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
                    const std::vector<int>& told) {
-  constexpr double kRounding = 1e-9;
-  const Eigen::VectorXd unit = prior_sigma(told);
-  const Eigen::MatrixXd s = unit.asDiagonal() * e.information(told, told) * unit.asDiagonal();
-  // What is held is at zero.
-  const Eigen::VectorXd moment = e.information * e.at - e.gradient;
-  const Eigen::VectorXd right = unit.asDiagonal() * moment(told);
-  const double sigma2 = 2 * e.cost / std::max(1, 2 * e.observations);
-  Eigen::MatrixXd m = unit.asDiagonal() * e.scatter(told, told) * unit.asDiagonal();
-  m += sigma2 * s;
-  m.diagonal().array() += kRounding * std::max(1.0, m.diagonal().maxCoeff());
-  const Eigen::LDLT<Eigen::MatrixXd> of_gradient(m);
-  const Eigen::MatrixXd weighted = of_gradient.solve(s);  // M^-1 S
-  Posterior posterior;
-  const Eigen::Index n = s.rows();
-  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(n, n);
-  posterior.covariance = (s * weighted + identity).ldlt().solve(identity);
-  posterior.values = posterior.covariance * (weighted.transpose() * right);
-  return posterior;
+  std::vector<int> all(told.size());
+  std::iota(all.begin(), all.end(), 0);
+  return LinearEvidence(e, prior_sigma, told).posterior(all);
 }
 
 // Leaves of the unknowns those that are surely off when the others are not. The least sure goes first, and
@@ -81,12 +105,11 @@ Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior
   return {};
 }
 
-// Logarithm of how likely the evidence is when these unknowns are off, against none (MacKay, Information
-// Theory 28.1).
-double log_evidence(const Posterior& p) {
-  if (p.values.size() == 0) return 0;
-  const Eigen::LDLT<Eigen::MatrixXd> factor(p.covariance);
-  return 0.5 * (p.values.dot(factor.solve(p.values)) + factor.vectorD().array().log().sum());
+// Where each of some of the unknowns is among all of them.
+std::vector<int> places_in(const std::vector<int>& all, const std::vector<int>& some) {
+  std::vector<int> places;
+  for (const int i : some) places.push_back(static_cast<int>(std::ranges::lower_bound(all, i) - all.begin()));
+  return places;
 }
 
 CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence) {
@@ -109,11 +132,14 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     choice.sigma[open[k]] = prior_sigma[open[k]] * sigma;
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
+  const std::vector<int> told = open;
   std::vector<int> kept = open;
   posterior = significant(evidence, prior_sigma, {}, &open);
-  if (!evidence.at.isZero(0)) {
+  if (!evidence.at.isZero(0) && !told.empty()) {
     const Posterior as_before = significant(evidence, prior_sigma, evidence.at, &kept);
-    if (log_evidence(posterior) < log_evidence(as_before) + kSurelyAnother) {
+    const LinearEvidence linear(evidence, prior_sigma, told);
+    if (linear.log_evidence(places_in(told, open)) <
+        linear.log_evidence(places_in(told, kept)) + kSurelyAnother) {
       posterior = as_before;
       open = kept;
     }

@@ -140,6 +140,26 @@ TEST_F(ChoiceTest, DoesNotGoFromOneExplanationToAnother) {
   EXPECT_EQ(changed(0, focal), std::pair(false, true));
 }
 
+// The same where errors go together in what tells the distortion: neither is more likely for being told by
+// less of them.
+TEST_F(ChoiceTest, ComparesExplanationsByTheSameEvidence) {
+  const double f = parameters[kFocal].prior_sigma, k1 = parameters[kK1].prior_sigma;
+  constexpr double kObservations = 4000, kAlike = 0.9, kTogether = 4;
+  CalibrationEvidence e = evidence_for(truth, sigma);
+  e.information(kFocal, kFocal) = kObservations / (f * f);
+  e.information(kK1, kK1) = kObservations / (k1 * k1);
+  e.information(kFocal, kK1) = e.information(kK1, kFocal) = kAlike * kObservations / (f * k1);
+  e.scatter(kFocal, kFocal) = kObservations / (f * f);
+  e.scatter(kK1, kK1) = kTogether * kObservations / (k1 * k1);
+  e.at[kK1] = k1;
+  Eigen::VectorXd off = Eigen::VectorXd::Zero(6);
+  off[kFocal] = 0.5 * f, off[kK1] = 0.5 * k1;
+  e.gradient = e.information * (e.at - off);
+  const CalibrationChoice found = choose_calibration(parameters, e);
+  EXPECT_EQ(found.values[kFocal], 0);
+  EXPECT_NE(found.values[kK1], 0);
+}
+
 // What looks like a readout along the longer side is more likely something else.
 TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
   const auto finds = [](int width, int height, int readout, double standard_deviations) {
