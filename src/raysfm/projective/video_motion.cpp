@@ -67,6 +67,14 @@ bool turns(const Eigen::Matrix3d& homography) {
   return moduli.maxCoeff() < (1 + kTolerance) * moduli.minCoeff();
 }
 
+// What three quarters of the values exceed: a motion is hopeless where there is no other in the film.
+double lower_quartile(std::vector<double>* values) {
+  if (values->empty()) return 0;
+  const auto quarter = values->begin() + static_cast<ptrdiff_t>(values->size() / 4);
+  std::ranges::nth_element(*values, quarter);
+  return *quarter;
+}
+
 // The last image after `first` that shares enough with it, -1 without one.
 int farthest_partner(const ImageObservations& observations, std::span<const int> images, size_t first) {
   const int enough = std::max(kMinMotionMatches, observations.count(images[first]) / 4);
@@ -104,8 +112,8 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
                           epipolar.inliers);
   }
   MotionShares shares;
-  shares.homography = median_of(&homography);
-  shares.translation = median_of(&translation);
+  shares.homography = lower_quartile(&homography);
+  shares.translation = lower_quartile(&translation);
   shares.moved = median_of(&moved);
   shares.pairs = static_cast<int>(homography.size());
   for (const double r : rotation) shares.rotation += r / double(rotation.size());

@@ -46,11 +46,23 @@ PointTracks film(const Way& way) {
   return tracks;
 }
 
-MotionShares shares_of(const Way& way) {
-  const PointTracks tracks = film(way);
+// One film after the other, in other places.
+PointTracks joined(PointTracks film, const PointTracks& next) {
+  for (int k = 0; k < next.size(); ++k)
+    film.add(film.image_count + next.image[k], film.point_count + next.point[k], next.pixel[k]);
+  film.image_count += next.image_count;
+  film.point_count += next.point_count;
+  return film;
+}
+
+MotionShares shares_of_tracks(const PointTracks& tracks) {
   std::vector<int> images(tracks.image_count);
   std::iota(images.begin(), images.end(), 0);
   return motion_shares(tracks, images, 3.0, 0);
+}
+
+MotionShares shares_of(const Way& way) {
+  return shares_of_tracks(film(way));
 }
 
 TEST(VideoMotion, GeneralMotionIsNotHopeless) {
@@ -68,6 +80,16 @@ TEST(VideoMotion, RotationIsNamed) {
 TEST(VideoMotion, PlaneIsNamed) {
   EXPECT_EQ(hopeless_motion(shares_of({.translation = 2, .rotation = 0.3, .plane = true})).name,
             "planar scene");
+}
+
+// A walk past a wall, and a room beyond it.
+TEST(VideoMotion, AThirdOfAFilmIsEnough) {
+  const PointTracks wall = film({.translation = 2, .rotation = 0.3, .plane = true});
+  const PointTracks room = film({.translation = 2, .rotation = 0.3});
+  EXPECT_EQ(hopeless_motion(shares_of_tracks(joined(wall, wall))).name, "planar scene");
+  EXPECT_EQ(hopeless_motion(shares_of_tracks(joined(joined(wall, room), wall))).name, "");
+  const PointTracks straight = film({.translation = 2, .rotation = 0});
+  EXPECT_EQ(hopeless_motion(shares_of_tracks(joined(joined(straight, room), straight))).name, "");
 }
 
 TEST(VideoMotion, TranslationIsNamed) {
