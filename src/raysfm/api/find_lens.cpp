@@ -175,12 +175,14 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     if (stretch->names.empty() || callbacks.stopped()) break;
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop);
     if (callbacks.stopped()) break;
+    // A stretch that tells no lens may look so for want of what tells it.
+    if (telling.zooms || telling.lens) *zoom = {};
     if (telling.zooms) *zoom = zoomed_stretch(*stretch, begin, reader.source().frame_count());
     begin += static_cast<int>(stretch->names.size());
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
     if (i == 0 || is_better(telling, best)) best = telling;
-    if (telling.zooms || (best.lens && best.lens->prior.focal <= kSure)) break;
+    if ((telling.zooms && telling.lens) || (best.lens && best.lens->prior.focal <= kSure)) break;
   }
   return best;
 }

@@ -125,7 +125,8 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   ZoomedStretch stretch;
   Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks, &stretch);
   const bool seen = stretch.last_frame >= 0;
-  const bool zooms = seen && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
+  // Where there is a lens, the map of it tells more, in a fraction of the time: of a shutter, too.
+  const bool zooms = seen && !lens && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
   std::optional<TrackResult> solved;
   if (zooms) {
     tell(callbacks.event, Event::Level::kInfo,
@@ -137,7 +138,7 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   Result<Sources> sources = lens ? sources_with_lens(settings, *lens) : Sources();
   if (!sources) return sources;
   if (seen && !solved) sources->zoom.warning = zoom_warning(stretch);
-  sources->zoom.may_be = !zooms && lens && wide_lens_warning(lens->camera).empty();
+  sources->zoom.may_be = lens && wide_lens_warning(lens->camera).empty();
   sources->zoom.may_be_solved = !is_device;
   sources->zoom.solved = std::move(solved);
   sources->find_ms = milliseconds_since(start);
@@ -535,15 +536,14 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     tell(callbacks.event, Event::Level::kWarning, solved->report.warnings[0]);
     return with_costs(*std::move(solved));
   };
-  if (solved && (sources->rig.cameras.empty() ||
-                 (is_beyond_shutters(*solved) &&
-                  reaches_enough(*solved, static_cast<int>(solved->reconstruction.frames.size()))))) {
-    return solved_instead();
-  }
+  if (solved) return solved_instead();
   std::optional<SeenZoom> change;
   Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &change);
   if (!tracked) return tracked;
+  // A rolling shutter bends the images of a moving camera as a zoom does.
+  const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;
   std::string& zoom = sources->zoom.warning;
+  if (scans) zoom.clear();
   if (change) zoom = zoom_warning(*change);
   if (sources->zoom.may_be && !callbacks.stopped()) {
     const Reconstruction& r = tracked->reconstruction;
@@ -552,8 +552,6 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
         sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
     if (!zoom.empty() && may_be_solved) solved = solved_zoom(settings, callbacks);
   }
-  // A rolling shutter bends the images of a moving camera as a zoom does.
-  const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;
   if (solved && (!scans || is_beyond_shutters(*solved)) &&
       reaches_enough(*solved, posed_count(tracked->reconstruction))) {
     return solved_instead();

@@ -104,13 +104,15 @@ std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
   of_all.camera = r.rig.cameras[0];
   const std::optional<Lens> lens = lens_of(of_all);
   if (!lens) return std::nullopt;
+  const double least_spread = of_all.camera.shutter.readout > 0 ? kBeyondShutters : 0;
   std::vector<std::vector<KeyFrame>> of_world(r.segments.size());
   for (const KeyFrame& k : r.keyframes) of_world[r.frames[k.frame].segment].push_back(k);
   for (const std::vector<KeyFrame>& keyframes : of_world) {
     for (size_t first = 0; first + kLeastWindow <= keyframes.size(); first += kStep) {
       const size_t count = std::min(kWindow, keyframes.size() - first);
       const MapStretch s = stretch_of(r, *lens, std::span(keyframes).subspan(first, count));
-      if (signs_of_zoom(s.tracks, {}, s.found).zooms) {
+      const ZoomSigns signs = signs_of_zoom(s.tracks, {}, s.found);
+      if (signs.zooms && signs.spread > least_spread) {
         return ZoomedStretch{keyframes[first].frame, keyframes[first + count - 1].frame,
                              static_cast<double>(r.keyframes.size())};
       }

@@ -38,6 +38,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
 struct ZoomSigns {
   bool zooms = false;
   std::string evidence;  // as UncalibratedReconstruction::lens_evidence
+  double spread = 0;     // as UncalibratedReconstruction::lens_spread
 };
 
 // Whether a lens for each image explains the tracks of a video, all of whose images are key frames, so much
