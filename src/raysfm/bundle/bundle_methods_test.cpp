@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "raysfm/bundle/hierarchy.h"
 #include "raysfm/bundle/problem_cost.h"
 #include "support/bundle_scene.h"
 
@@ -50,6 +51,33 @@ TEST(BundleMethods, HierarchicalEndsAtTheGlobalOptimum) {
   EXPECT_NEAR(by_halves.final_cost, problem_cost(hierarchical.problem(), {}).cost,
               1e-9 * by_halves.final_cost);
   EXPECT_EQ(by_halves.termination, Termination::kConverged);
+}
+
+// Mountains: the noise alone says how far they are, another distance in each part of a map.
+void add_far_points(int count, int first, int last, BundleScene* scene) {
+  Rng rng(4);
+  for (int p = 0; p < count; ++p) {
+    const Eigen::Vector3d ahead(rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), 1);
+    const Eigen::Vector3d point = scene->true_poses[last].inverse() * (1e4 * ahead);
+    for (int i = first; i < last; ++i) {
+      Eigen::Vector2d pixel;
+      ASSERT_TRUE(scene->cameras[0].project(scene->true_poses[i] * point, &pixel));
+      pixel += 0.5 * Eigen::Vector2d(rng.normal(), rng.normal());
+      scene->observations.push_back({i, static_cast<int>(scene->points.size()), 0, pixel});
+      scene->is_inlier.push_back(1);
+    }
+    scene->points.push_back(point);
+  }
+}
+
+TEST(BundleMethods, PartsMeetWhereMostPointsSay) {
+  for (const int far_points : {1, 2, 5}) {
+    BundleScene scene = drifting_street(60);
+    add_far_points(far_points, 25, 35, &scene);
+    const double before = problem_cost(scene.problem(), {}).cost;
+    merge_pieces(scene.problem(), kOptions, {.piece = 15});
+    EXPECT_LT(problem_cost(scene.problem(), {}).cost, 0.05 * before) << far_points;
+  }
 }
 
 TEST(BundleMethods, HierarchicalKeepsWhatIsFixed) {

@@ -8,6 +8,7 @@
 #include "raysfm/bundle/problem_cost.h"
 #include "raysfm/bundle/problem_part.h"
 #include "raysfm/core/median.h"
+#include "raysfm/geometry/similarity.h"
 
 namespace raysfm {
 namespace {
@@ -16,10 +17,42 @@ Eigen::Vector3d center(const Rigid3& rig_from_world) {
   return rig_from_world.inverse().translation;
 }
 
-// b_from_a of least squares from corresponding points, without those that fit much worse than the others.
+// Of each point, whether it is about where most are. Points of next to no parallax end up anywhere, a million
+// times as far; two of 25,000 were all that a fit of least squares saw.
+std::vector<uint8_t> are_near(const std::vector<Eigen::Vector3d>& points) {
+  constexpr double kFar = 10.0;  // of the median distance; 3 to 1000 tried, none did worse
+  Eigen::Vector3d middle;
+  std::vector<double> values(points.size());
+  for (int c = 0; c < 3; ++c) {
+    for (size_t i = 0; i < points.size(); ++i) values[i] = points[i][c];
+    middle[c] = median_of(&values);
+  }
+  for (size_t i = 0; i < points.size(); ++i) values[i] = (points[i] - middle).norm();
+  std::vector<double> reordered = values;
+  const double most = kFar * median_of(&reordered);
+  std::vector<uint8_t> near(points.size());
+  for (size_t i = 0; i < points.size(); ++i) near[i] = values[i] <= most;
+  return near;
+}
+
+// Keeps the pairs for which keep(index) holds.
+template <typename Keep>
+void keep_pairs(Keep keep, std::vector<Eigen::Vector3d>* a, std::vector<Eigen::Vector3d>* b) {
+  size_t kept = 0;
+  for (size_t i = 0; i < a->size(); ++i) {
+    if (!keep(i)) continue;
+    (*a)[kept] = (*a)[i], (*b)[kept] = (*b)[i], ++kept;
+  }
+  a->resize(kept), b->resize(kept);
+}
+
+// b_from_a of least squares from corresponding points, without those that are far off in a or b and those
+// that fit much worse than the others.
 Similarity3 similarity(std::vector<Eigen::Vector3d> a, std::vector<Eigen::Vector3d> b, bool with_scale) {
   constexpr int kRounds = 4;
   constexpr double kMostOfMedian = 4.0;
+  const std::vector<uint8_t> near_in_a = are_near(a), near_in_b = are_near(b);
+  keep_pairs([&](size_t i) { return near_in_a[i] && near_in_b[i]; }, &a, &b);
   Similarity3 b_from_a;
   for (int round = 0; round < kRounds && a.size() >= 3; ++round) {
     using Points = Eigen::Map<const Eigen::Matrix3Xd>;
@@ -33,30 +66,14 @@ Similarity3 similarity(std::vector<Eigen::Vector3d> a, std::vector<Eigen::Vector
     for (size_t i = 0; i < a.size(); ++i) errors[i] = (b_from_a * a[i] - b[i]).norm();
     std::vector<double> reordered = errors;
     const double most = kMostOfMedian * median_of(&reordered);
-    size_t kept = 0;
-    for (size_t i = 0; i < a.size(); ++i) {
-      if (!(errors[i] <= most)) continue;
-      a[kept] = a[i], b[kept] = b[i], ++kept;
-    }
-    if (kept == a.size()) break;
-    a.resize(kept), b.resize(kept);
+    keep_pairs([&](size_t i) { return errors[i] <= most; }, &a, &b);
+    if (a.size() == errors.size()) break;
   }
   return b_from_a;
 }
 
-Similarity3 inverse(const Similarity3& s) {
-  const Eigen::Quaterniond r = s.rotation.conjugate();
-  return {1.0 / s.scale, r, -(r * s.translation) / s.scale};
-}
-
-// The rig's own frame is scaled along: what a central camera sees stays the same.
-Rigid3 moved(const Rigid3& rig_from_a, const Similarity3& b_from_a) {
-  const Eigen::Quaterniond r = (rig_from_a.rotation * b_from_a.rotation.conjugate()).normalized();
-  return {r, b_from_a.scale * rig_from_a.translation - r * b_from_a.translation};
-}
-
 void move(ProblemPart* part, const Similarity3& b_from_a) {
-  for (Rigid3& pose : part->poses) pose = moved(pose, b_from_a);
+  for (Rigid3& pose : part->poses) pose = carried_over(pose, b_from_a);
   for (Eigen::Vector3d& point : part->points) point = b_from_a * point;
 }
 

@@ -7,7 +7,6 @@
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/hierarchy.h"
-#include "raysfm/bundle/problem_cost.h"
 #include "raysfm/core/median.h"
 #include "raysfm/views/scan_correction.h"
 #include "raysfm/views/surfaces.h"
@@ -551,27 +550,11 @@ void Mapper::adjust_hierarchically(Map* map) {
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
-  // Of all observations: a map that is bent leaves few inliers, and these cost little.
-  const auto cost = [&] {
-    BundleProblem with_outliers = problem;
-    with_outliers.is_inlier = {};
-    return problem_cost(with_outliers, kLoss).cost;
-  };
-  const double before = cost();
-  const LargeArray<Rigid3> poses = window_.poses;
-  const LargeArray<Eigen::Vector3d> points = window_.points;
-  const LargeArray<uint8_t> inliers = window_.inliers;
   merge_pieces(problem, kAdjustment, {});
   // Pieces are joined as well as the few points at their ends tell: what that bent is along the weakest
   // directions. With damping, kitti00-small kept 0.4 m of it.
   if (rig_.central()) problem.scale_prior = present_extent();
   adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
-  if (!(cost() <= before)) {  // pieces of thousands of key frames may not find together
-    std::ranges::copy(poses, window_.poses.begin());
-    std::ranges::copy(points, window_.points.begin());
-    std::ranges::copy(inliers, window_.inliers.begin());
-    adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
-  }
   scatter(0, map);
   release_scratch(*map);
 }
