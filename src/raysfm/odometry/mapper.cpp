@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <tuple>
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/hierarchy.h"
+#include "raysfm/bundle/residual.h"
 #include "raysfm/core/median.h"
 #include "raysfm/views/scan_correction.h"
 #include "raysfm/views/surfaces.h"
@@ -120,6 +122,20 @@ float reach_along_ray(const TrackingRig& rig, const KeyFrameView& keyframe, int 
   if (!see(distance, &there) || !see(0.5 * distance, &nearer) || !see(5.0 * distance, &farther))
     return INFINITY;
   return static_cast<float>(std::max((nearer - there).norm(), (farther - there).norm()));
+}
+
+// Standard deviation of the residuals of inliers, from their median: that of the squared length of two normal
+// numbers is 2 ln 2.
+double noise_of(const BundleProblem& problem) {
+  ProblemResiduals residuals;
+  residuals.load(problem);
+  std::vector<double> squared;
+  for (size_t i = 0; i < problem.observations.size(); ++i) {
+    Eigen::Vector2d residual;
+    if (problem.uses(i) && residuals(static_cast<int>(i), &residual))
+      squared.push_back(residual.squaredNorm());
+  }
+  return std::sqrt(median_of(&squared) / (2 * std::numbers::ln2));
 }
 
 }  // namespace
@@ -519,6 +535,22 @@ void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
   }
   scatter(first, map);
   if (first == 0) release_scratch(*map);
+}
+
+void Mapper::adjust_to_noise(Map* map) {
+  // Of the standard deviation: beyond it nothing counts, and 95 % of what least squares tell of pure noise
+  // are left (the usual constant of the biweight).
+  constexpr double kBiweight = 4.685, kLeastNoise = 0.01;
+  ScopedTimer timer(adjust_timing);
+  gather(map, 0, 0);
+  BundleProblem problem = window_problem(*map);
+  if (rig_.central()) problem.scale_prior = present_extent();
+  BundleOptions options = kWholeAdaption;
+  options.loss = {RobustLoss::Kind::kTukey, kBiweight * std::max(kLeastNoise, noise_of(problem))};
+  adjuster_.adjust(problem, options);
+  update_inliers(problem, kInlierError);
+  scatter(0, map);
+  release_scratch(*map);
 }
 
 void Mapper::adjust_thinned(Map* map) {

@@ -58,6 +58,10 @@ class Mapper {
   // with: in a few steps, or until a long map converges.
   void adapt_to_cameras(int first, bool to_the_end, Map* map);
 
+  // After an adjustment of everything: once more, by a loss that suits the noise as it is (MM estimation,
+  // Yohai 1987). The unit of length stays.
+  void adjust_to_noise(Map* map);
+
   // A few steps for a large map whose parts were brought together: poses by the points that hold them best.
   // The unit of length stays.
   void adjust_thinned(Map* map);

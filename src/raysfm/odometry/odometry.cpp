@@ -740,6 +740,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   for (size_t s = 0; s < segments_.size(); ++s) {
     if (segments_[s].joined_into >= 0) continue;
     find_scale(static_cast<int>(s));
+    if (segments_[s].closed) adjust_to_noise(static_cast<int>(s));
   }
   if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
   for (int i = 0; i < frames(); ++i) settle(i);
@@ -760,6 +761,14 @@ void Odometry::adjust_finally(int number) {
   std::vector<Rigid3> before;
   for (const MapKeyFrame& k : map.keyframes) before.push_back(k.rig_from_world);
   mapper_.adjust_hierarchically(&map);
+  carry_frames(number, before);
+}
+
+// A map that is held together no longer follows its weak directions, and what is left of its error comes from
+// matches that are wrong by less than an inlier may be.
+void Odometry::adjust_to_noise(int number) {
+  const std::vector<Rigid3> before = poses_of(number);
+  mapper_.adjust_to_noise(&segments_[number].map);
   carry_frames(number, before);
 }
 

@@ -245,6 +245,7 @@ class Odometry {
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
   void adjust_finally(int segment);
+  void adjust_to_noise(int segment);
   void release_views();
   Reconstruction assemble(std::vector<Map> maps) const;
   Segment summary_of(int number, double scale_sigma) const;
