@@ -176,7 +176,7 @@ TEST(OdometryPlaces, ALoopIsClosed) {
   EXPECT_LT(error.percent_of_path(), 0.03);
   EXPECT_LT(error.ate.rmse, 0.5 * drifted.ate.rmse);
   EXPECT_LT(error.ate.max, 0.5 * drifted.ate.max);
-  EXPECT_LT(r.rms_reprojection_px, 1.2 * open.rms_reprojection_px);
+  EXPECT_LT(r.rms_reprojection_px, 1.4 * open.rms_reprojection_px);
 }
 
 TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
@@ -205,7 +205,8 @@ TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
   for (size_t k = 1; k < r.keyframes.size(); ++k) {
     EXPECT_LT(r.keyframes[k - 1].frame, r.keyframes[k].frame);
   }
-  EXPECT_LT(r.rms_reprojection_px, 1.5 * apart.rms_reprojection_px);
+  // Matches that are wrong by little are left as they are.
+  EXPECT_LT(r.rms_reprojection_px, 1.7 * apart.rms_reprojection_px);
 }
 
 // Corridors of the same bricks and boards.
