@@ -549,23 +549,33 @@ class WithoutCameraFile(TrackTest):
         self.assertIn("look as if the camera zoomed", report["warnings"][-1])
 
     def test_fisheye(self):
-        """What two coefficients do not describe is not passed over in silence."""
+        """A lens of 140 degrees is found as the fisheye that it is, and followed as well as with its calibration."""
         camera = self.file("fisheye.yaml", """raysfm_camera: 1
 cameras:
-  - {name: c, model: kannala-brandt, resolution: [320, 240], intrinsics: {fx: 131, fy: 131, cx: 159.5, cy: 119.5, k1: 0, k2: 0, k3: 0, k4: 0}}
+  - {name: c, model: kannala-brandt, resolution: [320, 240], intrinsics: {fx: 131, fy: 131, cx: 162, cy: 118, k1: 0.01, k2: 0, k3: 0, k4: 0}}
 """)
         room = self.folder / "room"
-        done = run("synth", "room", "--motion", "walk", "--frames", 100, "--length", 4, "--samples", 1, "--camera", camera,
+        done = run("synth", "room", "--motion", "walk", "--frames", 60, "--length", 2.5, "--samples", 1, "--camera", camera,
                    "--out", room, "--quiet")
         self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.track(room, out=self.folder / "calibrated").returncode, 0)
         (room / "camera.yaml").unlink()
-        done = run("track", room, "--out", self.out)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stderr, r"warning: the lens was found to be 1\d\d degrees wide .* give its file with --camera")
+        done = self.track(room)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
         report = json.loads((self.out / "report.json").read_text())
-        self.assertIn("fisheyes", report["warnings"][-1])
+        self.assertEqual(report["frames"]["posed"], 60)
+        self.assertEqual((report["lens_source"], report["lens_model"]), ("footage", "kannala-brandt"))
+        self.assertAlmostEqual(report["lens_focal_px"] / 131, 1, delta=0.005)
+        self.assertLess(report["lens_focal_sigma_percent"], 6)
+        self.assertEqual(report["warnings"], [])
+        calibrated, found = (json.loads(run("eval", out / "trajectory.txt", room / "truth.txt", "--json").stdout)["ate"]["mean"]
+                             for out in (self.folder / "calibrated", self.out))
+        self.assertLess(found, 1.5 * calibrated + 0.001)
+        lens = self.out / "camera.yaml"
+        self.assertIn("kannala-brandt", lens.read_text())
+        self.assertEqual(run("camera", "check", lens).returncode, 0)
         done = run("solve", room, "--lens", "fixed", "--out", self.folder / "solved")
-        self.assertIn("degrees wide", done.stderr)
+        self.assertRegex(done.stderr, r"warning: the lens was found to be 1\d\d degrees wide .* raysfm track .* finds fisheyes")
 
     def test_threads_change_nothing(self):
         for threads in (1, 3):

@@ -9,7 +9,9 @@
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/core/thread_pool.h"
+#include "raysfm/scene/frame_lens.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
+#include "raysfm/uncalibrated/wide_lens.h"
 
 namespace raysfm {
 namespace {
@@ -44,7 +46,7 @@ double focal_of_fov(double fov_deg, int width) {
 // What a stretch of the footage says: a lens, or why it says none.
 struct Telling {
   std::optional<FoundLens> lens;
-  std::string reason;
+  std::string reason;  // or what speaks for a lens that is not perspective
   bool reconstructed = true;
   bool zooms = false;  // by the look of it; the lens is the best single one
 };
@@ -113,6 +115,24 @@ PointTracks seen_by_keyframes(const SolveInput& stretch) {
   return few;
 }
 
+// A lens that was found along rays, as one that solve() finds: what no spread tells of is added.
+FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tracks, int first_frame,
+                          double posed) {
+  constexpr double kModelError = 0.005;
+  const double doubt = kOptimism / posed;
+  FoundLens lens{found.camera, {}, {}, true};
+  lens.camera.name = "camera";
+  lens.prior.focal = doubt * std::hypot(found.sigma.focal, kModelError);
+  lens.prior.centre = std::clamp(doubt * found.sigma.centre, kSurest.centre, kVaguest.centre);
+  lens.prior.rim = std::clamp(doubt * found.sigma.rim, kSurest.rim, kVaguest.rim);
+  lens.origin = {.source = "footage",
+                 .first_frame = first_frame,
+                 .last_frame = first_frame + tracks.image_count - 1,
+                 .focal = found.camera.pixels_per_radian(),
+                 .focal_sigma = lens.prior.focal};
+  return lens;
+}
+
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
                      const std::atomic<bool>* stop) {
   SolveOptions options;
@@ -124,6 +144,13 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   const auto found =
       reconstruct_video(tracks, all, options, {.threads = thread_count(settings.threads), .stop = stop});
   if (!found) return {{}, found.error().message, false};
+  WideLensSearch wide;
+  if (may_be_wide_lens(tracks, *found))
+    wide = find_wide_lens(tracks, options, *found, thread_count(settings.threads));
+  if (wide.found) {
+    const double posed = static_cast<double>(wide.found->posed) / tracks.image_count;
+    return {lens_along_rays(*wide.found, stretch.tracks, first_frame, posed), wide.evidence};
+  }
   if (!found->degenerate.empty()) return {{}, found->degenerate};
   const double posed = static_cast<double>(std::ranges::count(found->image_posed, 1)) /
                        static_cast<double>(found->image_posed.size());
@@ -131,6 +158,7 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
     return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
   }
   Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
+  telling.lens->told_apart = wide.compared;
   const bool is_wide = !wide_lens_warning(telling.lens->camera).empty();
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
   const double sigma = telling.lens->prior.focal;
@@ -148,8 +176,9 @@ bool is_better(const Telling& a, const Telling& b) {
 std::string described(const Telling& telling, int end) {
   if (!telling.lens) return fmt::format("no lens from the frames before {}: {}", end, telling.reason);
   const LensOrigin& o = telling.lens->origin;
-  return fmt::format("frames {} to {} tell a focal length of {:.1f} pixels, right within {:.1f} %",
-                     o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma);
+  return fmt::format("frames {} to {} tell a focal length of {:.1f} pixels, right within {:.1f} %{}{}",
+                     o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma,
+                     telling.reason.empty() ? "" : "; ", telling.reason);
 }
 
 // `frames`: of the whole input, -1: unknown.
@@ -238,6 +267,9 @@ FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTr
 }
 
 std::string wide_lens_warning(const Camera& camera) {
+  FrameLens perspective;
+  perspective.camera = camera;
+  if (!lens_of(perspective)) return "";
   const CameraFacts facts = camera_facts(camera);
   const double wide = std::max(facts.fov_horizontal_deg, facts.fov_vertical_deg);
   if (!(wide > kWide)) return "";

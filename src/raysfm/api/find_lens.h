@@ -12,9 +12,10 @@ namespace raysfm {
 
 // A lens that no camera file told.
 struct FoundLens {
-  Camera camera;           // perspective, square pixels, of the size of the frames
+  Camera camera;           // square pixels, of the size of the frames
   CalibrationPrior prior;  // how far off it may be
   LensOrigin origin;
+  bool told_apart = false;  // a perspective lens and one of another model were compared
 };
 
 // The one lens that was found in the footage, from so large a part of the images that it was looked for in.
@@ -22,8 +23,8 @@ struct FoundLens {
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed);
 
-// What there is to say of a lens found by a model with k1 and k2 alone, where it is wider than these are good
-// for; empty of others.
+// What there is to say of a lens found by a model with k1 and k2 alone and compared with no other, where it
+// is wider than these are good for; empty of others.
 std::string wide_lens_warning(const Camera& camera);
 
 // Bad input for a field of view out of range, or one that is told beside a camera file.

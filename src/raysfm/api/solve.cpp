@@ -125,7 +125,8 @@ double posed_share(const Result<UncalibratedReconstruction>& found) {
 void warn(const EventSink& event, SolveResult* solved) {
   const SolveResult& result = *solved;
   if (!result.report.lens->zooming && !result.reconstruction.lenses.empty()) {
-    const std::string wide = wide_lens_warning(result.reconstruction.lenses[0].camera);
+    std::string wide = wide_lens_warning(result.reconstruction.lenses[0].camera);
+    if (!wide.empty()) wide += "; of a video, raysfm track without a camera file finds fisheyes too";
     tell(event, Event::Level::kWarning, wide);
     if (!wide.empty()) solved->report.warnings.push_back(wide);
   }

@@ -33,7 +33,8 @@ struct Sources {
   std::vector<GrayImage> masks;  // by camera; empty: none is given
   LensOrigin origin;
   CalibrationPrior prior;
-  double find_ms = 0;  // that finding the lens took
+  double find_ms = 0;           // that finding the lens took
+  bool may_be_fisheye = false;  // nothing tells whether the lens that was found is none
   // Of a lens that no file told.
   struct {
     bool may_be = false, may_be_solved = false;  // asked of the map; and solve() then
@@ -114,7 +115,13 @@ Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens
   Result<Input> input = open_inputs(settings, true);
   if (!input) return input.error();
   input->streams.resize(1);
-  return Sources{*std::move(input), Rig{{lens.camera}}, {}, lens.origin, lens.prior, 0};
+  return Sources{*std::move(input),
+                 Rig{{lens.camera}},
+                 {},
+                 lens.origin,
+                 lens.prior,
+                 0,
+                 lens.origin.source == "footage" && !lens.told_apart};
 }
 
 // Cameras that no file tells: the input is read for them, and opened again.
@@ -250,6 +257,7 @@ Report make_report(const TrackSettings& settings, const Tracker& tracker, const 
     report.stages.insert(report.stages.begin(), {"lens", lens});
   }
   report.lens_origin = sources.origin;
+  report.lens_origin->model = model_name(tracker.rig().rig().cameras[0].model);
   return report;
 }
 
@@ -472,7 +480,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
 
   std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
   *zoom = tracker.lens_change();
-  if (sources->origin.source == "footage") {
+  if (sources->may_be_fisheye) {
     const std::string wide = wide_lens_warning(tracker.rig().rig().cameras[0]);
     tell(callbacks.event, Event::Level::kWarning, wide);
     if (!wide.empty()) warnings.push_back(wide);

@@ -171,6 +171,7 @@ void write_lens(const LensReport& lens, Json* json) {
 
 void write_lens_origin(const LensOrigin& lens, Json* json) {
   (*json)["lens_source"] = lens.source;
+  (*json)["lens_model"] = lens.model.empty() ? Json() : Json(lens.model);
   (*json)["lens_frames"] = lens.first_frame < 0 ? Json() : Json({lens.first_frame, lens.last_frame});
   (*json)["lens_focal_px"] = lens.focal > 0 ? Json(lens.focal) : Json();
   (*json)["lens_focal_sigma_percent"] = lens.focal > 0 ? Json(100 * lens.focal_sigma) : Json();

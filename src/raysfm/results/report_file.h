@@ -52,6 +52,7 @@ struct LensOrigin {
   double told_fov_deg = 0;                // horizontal; 0: none was told
   int first_frame = -1, last_frame = -1;  // that told the lens; -1: none did
   double focal = 0, focal_sigma = 0;      // pixels, as it was found or told; the second a part of the first
+  std::string model = {};                 // of the first camera, as camera files name it; empty: not said
   std::string not_told = {};              // why the footage does not tell the lens, where it was asked
 };
 

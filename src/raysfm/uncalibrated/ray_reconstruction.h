@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "raysfm/calibration/rig_parameters.h"
+#include "raysfm/camera/camera.h"
+#include "raysfm/geometry/pose.h"
+#include "raysfm/lenses/point_tracks.h"
+
+namespace raysfm {
+
+// How tracks are reconstructed through a camera that is only guessed.
+struct RayOptions {
+  double max_error_px = 3.0;  // of an inlier, > 0
+  // Standard deviation of the principal point about the one guessed, as a share of the image's width, > 0.
+  double centre_sigma = 0.03;
+  uint64_t seed = 0;
+  int threads = 1;                          // > 0; never changes a result
+  std::function<bool()> stopped = nullptr;  // asked now and then; true: ends early with what there is
+};
+
+// Structure and motion of tracks, and the camera that all images were taken with.
+struct RayReconstruction {
+  Camera camera;
+  CalibrationPrior sigma;  // how sure its numbers are: standard deviations, infinite where nothing tells them
+  std::vector<Rigid3> cam_from_world;   // one per image
+  std::vector<Eigen::Vector3d> points;  // world; one per point
+  std::vector<uint8_t> image_posed;     // one per image
+  std::vector<uint8_t> point_placed;    // one per point
+  std::vector<uint8_t> inlier;          // one per observation
+  int posed = 0;                        // images; 0: no three of them start a reconstruction
+};
+
+// Reconstructs the tracks of a video, images in the order of time, as seen along the rays of a central camera
+// that projects, and adjusts the numbers of its model as more is seen: three images are the start, the others
+// follow by the points that they share, and in between poses and points, then the camera by what the
+// residuals say of it. The guess may be wrong by half or twice the focal length: lenses that bend rays much
+// are told by few images.
+RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
+                                         const RayOptions& options);
+
+// Difference of an observation's pixel to where the reconstruction sees its point; false where it sees none,
+// or image or point have no place.
+bool pixel_residual(const PointTracks& tracks, const RayReconstruction& r, int observation,
+                    Eigen::Vector2d* residual);
+
+}  // namespace raysfm
