@@ -9,9 +9,9 @@
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/core/thread_pool.h"
+#include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
-#include "raysfm/uncalibrated/wide_lens.h"
 
 namespace raysfm {
 namespace {
@@ -133,6 +133,20 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
   return lens;
 }
 
+// Asked for where a perspective lens does not do, as far as its reconstruction tells.
+WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<UncalibratedReconstruction>& found,
+                            const SolveOptions& options, const TrackSettings& settings) {
+  RayOptions along_rays{.max_error_px = options.max_error_px,
+                        .centre_sigma = options.principal_point_sigma,
+                        .seed = options.seed,
+                        .threads = thread_count(settings.threads)};
+  along_rays.stopped = [&options] { return options.stopped(); };
+  if (!found) return find_wide_lens(tracks, nullptr, along_rays);
+  const PerspectiveFit fit{found->scene, found->radial, found->image_posed, found->point_placed,
+                           found->inlier};
+  return may_be_wide_lens(tracks, fit) ? find_wide_lens(tracks, &fit, along_rays) : WideLensSearch();
+}
+
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
                      const std::atomic<bool>* stop) {
   SolveOptions options;
@@ -143,14 +157,12 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   const std::vector<uint8_t> all(tracks.image_count, 1);
   const auto found =
       reconstruct_video(tracks, all, options, {.threads = thread_count(settings.threads), .stop = stop});
-  if (!found) return {{}, found.error().message, false};
-  WideLensSearch wide;
-  if (may_be_wide_lens(tracks, *found))
-    wide = find_wide_lens(tracks, options, *found, thread_count(settings.threads));
+  const WideLensSearch wide = wide_lens_of(tracks, found, options, settings);
   if (wide.found) {
     const double posed = static_cast<double>(wide.found->posed) / tracks.image_count;
     return {lens_along_rays(*wide.found, stretch.tracks, first_frame, posed), wide.evidence};
   }
+  if (!found) return {{}, found.error().message, false};
   if (!found->degenerate.empty()) return {{}, found->degenerate};
   const double posed = static_cast<double>(std::ranges::count(found->image_posed, 1)) /
                        static_cast<double>(found->image_posed.size());

@@ -1,4 +1,4 @@
-#include "raysfm/uncalibrated/wide_lens.h"
+#include "raysfm/ray_lenses/wide_lens.h"
 
 #include <gtest/gtest.h>
 
@@ -79,6 +79,10 @@ UncalibratedReconstruction perspective_of(const PointTracks& tracks) {
   return found.ok() ? *found : UncalibratedReconstruction();
 }
 
+PerspectiveFit fit_of(const UncalibratedReconstruction& r) {
+  return {r.scene, r.radial, r.image_posed, r.point_placed, r.inlier};
+}
+
 class AlongRays : public testing::TestWithParam<double> {};
 
 TEST_P(AlongRays, LensIsFoundFromAGuessFarOff) {
@@ -102,7 +106,7 @@ TEST_P(AlongRays, LensIsFoundFromAGuessFarOff) {
 }
 INSTANTIATE_TEST_SUITE_P(Guesses, AlongRays, testing::Values(0.65, 1.0, 1.6));
 
-TEST(AlongRays, TooFewPointsAreNoStart) {
+TEST(RayLens, TooFewPointsAreNoStart) {
   Room room = film(camera_of(kFisheye), 5);
   PointTracks few = room.tracks;
   few.image.clear(), few.point.clear(), few.pixel.clear();
@@ -116,8 +120,9 @@ TEST(WideLens, FisheyeIsToldFromAPerspectiveLens) {
   const Camera truth = camera_of(kFisheye);
   const Room room = film(truth);
   const UncalibratedReconstruction perspective = perspective_of(room.tracks);
-  EXPECT_TRUE(may_be_wide_lens(room.tracks, perspective));
-  const WideLensSearch search = find_wide_lens(room.tracks, {}, perspective, 1);
+  const PerspectiveFit fit = fit_of(perspective);
+  EXPECT_TRUE(may_be_wide_lens(room.tracks, fit));
+  const WideLensSearch search = find_wide_lens(room.tracks, &fit, {});
   EXPECT_TRUE(search.compared);
   ASSERT_TRUE(search.found) << search.evidence;
   EXPECT_LT(largest_difference(truth, search.found->camera), 1);
@@ -127,10 +132,25 @@ TEST(WideLens, FisheyeIsToldFromAPerspectiveLens) {
 TEST(WideLens, BarrelDistortionIsNoFisheye) {
   const Room room = film(camera_of(Radtan{350, 350, 316, 243, -0.2, 0.03}));
   const UncalibratedReconstruction perspective = perspective_of(room.tracks);
-  EXPECT_TRUE(may_be_wide_lens(room.tracks, perspective));
-  const WideLensSearch search = find_wide_lens(room.tracks, {}, perspective, 1);
+  const PerspectiveFit fit = fit_of(perspective);
+  EXPECT_TRUE(may_be_wide_lens(room.tracks, fit));
+  const WideLensSearch search = find_wide_lens(room.tracks, &fit, {});
   EXPECT_TRUE(search.compared);
   EXPECT_FALSE(search.found) << search.evidence;
+}
+
+TEST(WideLens, FisheyeIsFoundWhereNoPerspectiveLensIs) {
+  const Camera truth = camera_of(kFisheye);
+  const Room room = film(truth);
+  const WideLensSearch search = find_wide_lens(room.tracks, nullptr, {});
+  ASSERT_TRUE(search.found);
+  EXPECT_LT(largest_difference(truth, search.found->camera), 1);
+}
+
+// Neither as itself nor as a fisheye.
+TEST(WideLens, PerspectiveLensIsNoFisheyeWhereNoneIsFound) {
+  const Room room = film(camera_of(Pinhole{600, 600, 316, 243}));
+  EXPECT_FALSE(find_wide_lens(room.tracks, nullptr, {}).found);
 }
 
 TEST(WideLens, UsualLensesAreNotLookedAtTwice) {
@@ -140,16 +160,16 @@ TEST(WideLens, UsualLensesAreNotLookedAtTwice) {
   const PointTracks tracks{
       .image_count = 2, .point_count = 0, .image_size = {640, 480}, .image = {}, .point = {}, .pixel = {}};
   perspective.radial = {-0.12, 0.05};
-  EXPECT_FALSE(may_be_wide_lens(tracks, perspective));
+  EXPECT_FALSE(may_be_wide_lens(tracks, fit_of(perspective)));
   perspective.radial = {0.3, 0};  // outwards
-  EXPECT_FALSE(may_be_wide_lens(tracks, perspective));
+  EXPECT_FALSE(may_be_wide_lens(tracks, fit_of(perspective)));
   perspective.radial = {-0.25, 0.05};
-  EXPECT_TRUE(may_be_wide_lens(tracks, perspective));
+  EXPECT_TRUE(may_be_wide_lens(tracks, fit_of(perspective)));
   perspective.radial = {};
   perspective.scene.lenses[1] = Lens{290, 290, 320, 240};  // corners 54 degrees off the axis
-  EXPECT_TRUE(may_be_wide_lens(tracks, perspective));
+  EXPECT_TRUE(may_be_wide_lens(tracks, fit_of(perspective)));
   perspective.image_posed = {0, 0};
-  EXPECT_FALSE(may_be_wide_lens(tracks, perspective));
+  EXPECT_FALSE(may_be_wide_lens(tracks, fit_of(perspective)));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "raysfm/uncalibrated/ray_reconstruction.h"
+#include "raysfm/ray_lenses/ray_reconstruction.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>

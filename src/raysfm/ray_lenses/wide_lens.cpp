@@ -1,0 +1,153 @@
+#include "raysfm/ray_lenses/wide_lens.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+#include <vector>
+
+#include "raysfm/scene/frame_lens.h"
+
+namespace raysfm {
+namespace {
+
+// Part of its distance from the centre at which a corner of the image is seen, to that without distortion;
+// and the angle at which it is seen, degrees.
+constexpr double kBent = 0.9, kWideCorner = 52;
+// Angles that the width of the image is guessed to span, degrees: of a fisheye whose circle lies within the
+// image more than there is.
+constexpr double kGuesses[] = {140, 105, 190, 250};
+constexpr double kEnoughPosed = 0.9;  // images, of those that a perspective lens poses
+constexpr double kEnoughCommon =
+    0.3;                             // observations that both explain, of those that a perspective lens does
+constexpr double kSureRatio = 1.05;  // of the rms
+constexpr int kMoreNumbers = 2;      // k1 to k4 in the place of k1, k2
+// Where there is no perspective lens: images posed, of all, and the standard deviation of the focal length.
+constexpr double kMostPosed = 0.7, kSureFocal = 0.02;
+
+std::vector<Camera> guesses(const Eigen::Vector2d& size) {
+  std::vector<Camera> cameras;
+  for (const double degrees : kGuesses) {
+    const double focal = size.x() / (degrees * std::numbers::pi / 180);
+    Camera& camera = cameras.emplace_back();
+    camera.width = static_cast<int>(size.x());
+    camera.height = static_cast<int>(size.y());
+    camera.model = KannalaBrandt{focal, focal, 0.5 * (size.x() - 1), 0.5 * (size.y() - 1)};
+  }
+  return cameras;
+}
+
+// The first that reaches enough images, else the one that reaches most.
+RayReconstruction best_guess(const PointTracks& tracks, double enough, const RayOptions& options) {
+  RayReconstruction best;
+  for (const Camera& guess : guesses(tracks.image_size)) {
+    if (best.posed >= enough || (options.stopped && options.stopped())) break;
+    RayReconstruction r = reconstruct_along_rays(tracks, guess, options);
+    if (r.posed > best.posed) best = std::move(r);
+  }
+  return best;
+}
+
+// Whether what lies `from_centre` in an image is seen much nearer to its centre, or farther off the axis,
+// than through a perspective lens.
+bool is_bent(double from_centre, double focal, const Eigen::Vector3d& direction) {
+  const double angle = std::atan2(direction.head<2>().norm(), direction.z());
+  return angle > kWideCorner * std::numbers::pi / 180 || from_centre < kBent * focal * std::tan(angle);
+}
+
+// Of a lens that was found, by the outermost of what agrees with it.
+bool bends(const PointTracks& tracks, const RayReconstruction& r) {
+  Eigen::Vector2d centre;
+  if (!r.camera.project(Eigen::Vector3d::UnitZ(), &centre)) return false;
+  double farthest = 0;
+  Ray ray, outermost;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const double distance = (tracks.pixel[k] - centre).norm();
+    if (!r.inlier[k] || distance < farthest || !r.camera.ray(tracks.pixel[k], &ray)) continue;
+    farthest = distance, outermost = ray;
+  }
+  return is_bent(farthest, r.camera.pixels_per_radian(), outermost.direction);
+}
+
+// Sums of squared errors over the observations of points that both place in images that both pose and that
+// either explains, each at most that of the largest error allowed.
+struct Errors {
+  double perspective = 0, along_rays = 0;
+  int observations = 0;
+
+  double ratio() const { return std::sqrt(perspective / std::max(along_rays, 1e-12)); }
+  double rms(double sum) const { return std::sqrt(sum / std::max(1, observations)); }
+};
+
+Errors compare(const PointTracks& tracks, const PerspectiveFit& perspective,
+               const RayReconstruction& along_rays, double max_error) {
+  Errors errors;
+  const double most = max_error * max_error;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    Eigen::Vector2d residual;
+    if (!(perspective.inlier[k] || along_rays.inlier[k]) || !perspective.image_posed[image] ||
+        !perspective.point_placed[point] || !along_rays.image_posed[image] || !along_rays.point_placed[point])
+      continue;
+    const bool is_seen = along_rays.inlier[k] && pixel_residual(tracks, along_rays, k, &residual);
+    errors.along_rays += is_seen ? residual.squaredNorm() : most;
+    errors.perspective += perspective.inlier[k]
+                              ? pixel_residual(tracks, perspective.scene, perspective.radial, k).squaredNorm()
+                              : most;
+    ++errors.observations;
+  }
+  return errors;
+}
+
+bool is_surely_better(const Errors& errors) {
+  const double variance = errors.along_rays / std::max(1, 2 * errors.observations);
+  const double gain = (errors.perspective - errors.along_rays) / std::max(variance, 1e-12);
+  const double needed = kMoreNumbers * std::log(std::max(2, 2 * errors.observations));
+  return gain > needed && errors.ratio() > kSureRatio;
+}
+
+WideLensSearch find_alone(const PointTracks& tracks, const RayOptions& options) {
+  WideLensSearch search;
+  const double enough = kMostPosed * tracks.image_count;
+  RayReconstruction r = best_guess(tracks, enough, options);
+  if (r.posed < enough || !(r.sigma.focal < kSureFocal) || !bends(tracks, r)) return search;
+  search.compared = true;
+  search.evidence = fmt::format("a {} lens where no perspective one is told", model_name(r.camera.model));
+  search.found = std::move(r);
+  return search;
+}
+
+}  // namespace
+
+bool may_be_wide_lens(const PointTracks& tracks, const PerspectiveFit& perspective) {
+  const auto image = std::ranges::find(perspective.image_posed, 1) - perspective.image_posed.begin();
+  if (image == std::ssize(perspective.image_posed)) return false;
+  Lens lens = perspective.scene.lenses[image];
+  lens.cx = lens.cy = 0;
+  const Camera camera = frame_lens(lens, perspective.radial).camera;
+  const Eigen::Vector2d corner = 0.5 * tracks.image_size;
+  Ray ray;
+  return !camera.ray(corner, &ray) || is_bent(corner.norm(), lens.fx, ray.direction);
+}
+
+WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* perspective,
+                              const RayOptions& options) {
+  if (!perspective) return find_alone(tracks, options);
+  WideLensSearch search;
+  const double enough = kEnoughPosed * static_cast<double>(std::ranges::count(perspective->image_posed, 1));
+  RayReconstruction r = best_guess(tracks, enough, options);
+  if (r.posed < enough || !std::isfinite(r.sigma.focal)) return search;
+  const Errors errors = compare(tracks, *perspective, r, options.max_error_px);
+  const auto explained = static_cast<double>(std::ranges::count(perspective->inlier, 1));
+  if (errors.observations < kEnoughCommon * explained) return search;
+  search.compared = true;
+  search.evidence =
+      fmt::format("rms {:.2f} px with a perspective lens, {:.2f} px with a {} one",
+                  errors.rms(errors.perspective), errors.rms(errors.along_rays), model_name(r.camera.model));
+  if (is_surely_better(errors)) search.found = std::move(r);
+  return search;
+}
+
+}  // namespace raysfm
