@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
+#include <vector>
 
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/core/thread_pool.h"
+#include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
@@ -18,9 +21,10 @@ namespace {
 
 // A stretch has so many frames, more where there is so little motion that key frames are few.
 constexpr int kFrames = 200, kMostFrames = 600, kFewKeyframes = 12;
-constexpr double kShare = 0.5;     // of the points of a key frame, which the one two before sees as well
-constexpr int kStretches = 6;      // with a reconstruction
-constexpr int kAllStretches = 30;  // also those that have none, which is mostly seen at once
+constexpr double kShare = 0.5;      // of the points of a key frame, which the one two before sees as well
+constexpr int kStretches = 6;       // with a reconstruction
+constexpr int kAllStretches = 30;   // also those that have none, which is mostly seen at once
+constexpr int kFirstStretches = 6;  // that are asked for another lens where they have no reconstruction
 // Standard deviations of focal lengths, as a part of them: those of a stretch are too small by about so
 // much on real footage, whose errors are no noise. Below the first no further stretch is looked at; above
 // the second the lens is not told.
@@ -133,22 +137,49 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
   return lens;
 }
 
-// Asked for where a perspective lens does not do, as far as its reconstruction tells.
+double posed_share(const UncalibratedReconstruction& found) {
+  return static_cast<double>(std::ranges::count(found.image_posed, 1)) /
+         static_cast<double>(found.image_posed.size());
+}
+
+// Whether a reconstruction knows its focal length well enough for a lens to be taken from it.
+bool is_told(const UncalibratedReconstruction& found, const PointTracks& tracks) {
+  const double posed = posed_share(found);
+  return found.degenerate.empty() && posed >= kLeastPosed && !found.lens_sigma.empty() &&
+         lens_of_stretch(found, tracks, 0, posed).prior.focal <= kUsable;
+}
+
+// Whether another lens may make of these tracks what no perspective lens does. A fisheye bends the lines on
+// which points move; a turning camera, a plane and no motion look like these to any lens.
+bool may_tell_other_lens(const PointTracks& tracks, const SolveOptions& options) {
+  std::vector<int> images(tracks.image_count);
+  std::iota(images.begin(), images.end(), 0);
+  const std::string name =
+      hopeless_motion(motion_shares(tracks, images, options.max_error_px, options.seed)).name;
+  return name.empty() || name == "pure translation";
+}
+
+// Asked for where a perspective lens does not do, as far as its reconstruction tells. `is_early`: of one of
+// the first stretches.
 WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<UncalibratedReconstruction>& found,
-                            const SolveOptions& options, const TrackSettings& settings) {
+                            const SolveOptions& options, const TrackSettings& settings, bool is_early) {
   RayOptions along_rays{.max_error_px = options.max_error_px,
                         .centre_sigma = options.principal_point_sigma,
                         .seed = options.seed,
                         .threads = thread_count(settings.threads)};
   along_rays.stopped = [&options] { return options.stopped(); };
-  if (!found) return find_wide_lens(tracks, nullptr, along_rays);
+  if (!found) {
+    return is_early && may_tell_other_lens(tracks, options) ? find_wide_lens(tracks, nullptr, along_rays)
+                                                            : WideLensSearch();
+  }
   const PerspectiveFit fit{found->scene, found->radial, found->image_posed, found->point_placed,
                            found->inlier};
-  return may_be_wide_lens(tracks, fit) ? find_wide_lens(tracks, &fit, along_rays) : WideLensSearch();
+  return !is_told(*found, tracks) || may_be_wide_lens(tracks, fit) ? find_wide_lens(tracks, &fit, along_rays)
+                                                                   : WideLensSearch();
 }
 
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
-                     const std::atomic<bool>* stop) {
+                     const std::atomic<bool>* stop, bool is_early) {
   SolveOptions options;
   options.lens = LensChange::kFixed;
   options.seed = settings.odometry.seed;
@@ -157,15 +188,15 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   const std::vector<uint8_t> all(tracks.image_count, 1);
   const auto found =
       reconstruct_video(tracks, all, options, {.threads = thread_count(settings.threads), .stop = stop});
-  const WideLensSearch wide = wide_lens_of(tracks, found, options, settings);
+  const WideLensSearch wide = wide_lens_of(tracks, found, options, settings, is_early);
   if (wide.found) {
     const double posed = static_cast<double>(wide.found->posed) / tracks.image_count;
-    return {lens_along_rays(*wide.found, stretch.tracks, first_frame, posed), wide.evidence};
+    const FoundLens lens = lens_along_rays(*wide.found, stretch.tracks, first_frame, posed);
+    if (posed >= kLeastPosed && lens.prior.focal <= kUsable) return {lens, wide.evidence};
   }
   if (!found) return {{}, found.error().message, false};
   if (!found->degenerate.empty()) return {{}, found->degenerate};
-  const double posed = static_cast<double>(std::ranges::count(found->image_posed, 1)) /
-                       static_cast<double>(found->image_posed.size());
+  const double posed = posed_share(*found);
   if (posed < kLeastPosed || found->lens_sigma.empty()) {
     return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
   }
@@ -214,7 +245,7 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
       return bad_input(fmt::format("{}: no frames", reader.source().description()));
     }
     if (stretch->names.empty() || callbacks.stopped()) break;
-    Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop);
+    Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop, i < kFirstStretches);
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
     if (telling.zooms || telling.lens) *zoom = {};

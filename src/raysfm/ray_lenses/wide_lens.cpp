@@ -24,8 +24,8 @@ constexpr double kEnoughCommon =
     0.3;                             // observations that both explain, of those that a perspective lens does
 constexpr double kSureRatio = 1.05;  // of the rms
 constexpr int kMoreNumbers = 2;      // k1 to k4 in the place of k1, k2
-// Where there is no perspective lens: images posed, of all, and the standard deviation of the focal length.
-constexpr double kMostPosed = 0.7, kSureFocal = 0.02;
+constexpr double kMostPosed = 0.7;   // images, of all, where there is no perspective lens
+constexpr double kSureFocal = 0.02;  // standard deviation of a focal length, as a part of it
 
 std::vector<Camera> guesses(const Eigen::Vector2d& size) {
   std::vector<Camera> cameras;
@@ -57,10 +57,11 @@ bool is_bent(double from_centre, double focal, const Eigen::Vector3d& direction)
   return angle > kWideCorner * std::numbers::pi / 180 || from_centre < kBent * focal * std::tan(angle);
 }
 
-// Of a lens that was found, by the outermost of what agrees with it.
-bool bends(const PointTracks& tracks, const RayReconstruction& r) {
+// Whether a lens that was found is told, and surely no perspective one, by the outermost of what agrees with
+// it.
+bool is_other_lens(const PointTracks& tracks, const RayReconstruction& r) {
   Eigen::Vector2d centre;
-  if (!r.camera.project(Eigen::Vector3d::UnitZ(), &centre)) return false;
+  if (!(r.sigma.focal < kSureFocal) || !r.camera.project(Eigen::Vector3d::UnitZ(), &centre)) return false;
   double farthest = 0;
   Ray ray, outermost;
   for (int k = 0; k < tracks.size(); ++k) {
@@ -112,7 +113,7 @@ WideLensSearch find_alone(const PointTracks& tracks, const RayOptions& options) 
   WideLensSearch search;
   const double enough = kMostPosed * tracks.image_count;
   RayReconstruction r = best_guess(tracks, enough, options);
-  if (r.posed < enough || !(r.sigma.focal < kSureFocal) || !bends(tracks, r)) return search;
+  if (r.posed < enough || !is_other_lens(tracks, r)) return search;
   search.compared = true;
   search.evidence = fmt::format("a {} lens where no perspective one is told", model_name(r.camera.model));
   search.found = std::move(r);
@@ -146,7 +147,7 @@ WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* p
   search.evidence =
       fmt::format("rms {:.2f} px with a perspective lens, {:.2f} px with a {} one",
                   errors.rms(errors.perspective), errors.rms(errors.along_rays), model_name(r.camera.model));
-  if (is_surely_better(errors)) search.found = std::move(r);
+  if (is_surely_better(errors) && is_other_lens(tracks, r)) search.found = std::move(r);
   return search;
 }
 

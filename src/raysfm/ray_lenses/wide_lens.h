@@ -28,10 +28,10 @@ struct WideLensSearch {
 bool may_be_wide_lens(const PointTracks& tracks, const PerspectiveFit& perspective);
 
 // Fits lenses of other models (fisheyes) to the tracks of a video. One is surely better than a perspective
-// lens where it poses as many images and, over the observations of points that both place, lowers the sum of
-// squared errors by more than the Bayesian information criterion asks for, and the rms by a twentieth: errors
-// that are alike along tracks lower the sum too. Where no perspective lens was found (null) it must pose most
-// images, know its focal length within 2 % and bend images so much that it is none.
+// lens where it bends images as none does, its focal length is known within 2 %, it poses as many images and,
+// over the observations of points that both place, lowers the sum of squared errors by more than the Bayesian
+// information criterion asks for, and the rms by a twentieth: errors that are alike along tracks lower the
+// sum too. Where no perspective lens was found (null) it must pose most images.
 WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* perspective,
                               const RayOptions& options);
 
