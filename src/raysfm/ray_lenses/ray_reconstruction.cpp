@@ -435,6 +435,7 @@ void RayGrowth::take_sigma() {
     } else if (is_centre) {
       s.centre = std::max(s.centre, sigma[i] / r_.camera.width);
     } else if (parameters_[i].kind == Kind::kNumber) {
+      r_.strain = std::max(r_.strain, std::abs(values_[i]) / sigma_[i]);
       s.rim = std::max(s.rim, usual.rim * sigma[i] / parameters_[i].prior_sigma);
     }
   }

@@ -25,6 +25,9 @@ struct RayOptions {
 struct RayReconstruction {
   Camera camera;
   CalibrationPrior sigma;  // how sure its numbers are: standard deviations, infinite where nothing tells them
+  // The coefficient of its model that moves the rim of the image most, all others being as guessed: by how
+  // many tenths of its distance from the centre.
+  double strain = 0;
   std::vector<Rigid3> cam_from_world;   // one per image
   std::vector<Eigen::Vector3d> points;  // world; one per point
   std::vector<uint8_t> image_posed;     // one per image

@@ -23,6 +23,9 @@ constexpr double kEnoughPosed = 0.9;  // images, of those that a perspective len
 constexpr double kEnoughCommon =
     0.3;                             // observations that both explain, of those that a perspective lens does
 constexpr double kSureRatio = 1.05;  // of the rms
+// Coefficients that bend the rim to and fro by so many tenths make the polynomial follow a lens of another
+// kind.
+constexpr double kMostStrain = 5;
 constexpr int kMoreNumbers = 2;      // k1 to k4 in the place of k1, k2
 constexpr double kMostPosed = 0.7;   // images, of all, where there is no perspective lens
 constexpr double kSureFocal = 0.02;  // standard deviation of a focal length, as a part of it
@@ -61,7 +64,9 @@ bool is_bent(double from_centre, double focal, const Eigen::Vector3d& direction)
 // it.
 bool is_other_lens(const PointTracks& tracks, const RayReconstruction& r) {
   Eigen::Vector2d centre;
-  if (!(r.sigma.focal < kSureFocal) || !r.camera.project(Eigen::Vector3d::UnitZ(), &centre)) return false;
+  if (!(r.sigma.focal < kSureFocal) || r.strain > kMostStrain ||
+      !r.camera.project(Eigen::Vector3d::UnitZ(), &centre))
+    return false;
   double farthest = 0;
   Ray ray, outermost;
   for (int k = 0; k < tracks.size(); ++k) {

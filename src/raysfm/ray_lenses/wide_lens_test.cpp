@@ -97,6 +97,7 @@ TEST_P(AlongRays, LensIsFoundFromAGuessFarOff) {
   const double found = r.camera.pixels_per_radian();
   EXPECT_LT(std::abs(std::log(found / kFisheye.fx)), 4 * r.sigma.focal);
   EXPECT_LT(r.sigma.focal, 0.005);
+  EXPECT_LT(r.strain, 4);
   EXPECT_GT(std::ranges::count(r.inlier, 1), 0.9 * room.tracks.size());
   for (int j = 1; j < 14; ++j) {
     const Rigid3 true_motion = room.cam_from_world[j] * room.cam_from_world[0].inverse();
@@ -114,6 +115,15 @@ TEST(RayLens, TooFewPointsAreNoStart) {
     if (room.tracks.point[k] < 40) few.add(room.tracks.image[k], room.tracks.point[k], room.tracks.pixel[k]);
   }
   EXPECT_EQ(reconstruct_along_rays(few, camera_of(kFisheye), {}).posed, 0);
+}
+
+// What the polynomial of a fisheye has to do to follow such a lens shows.
+TEST(RayLens, BarrelDistortionStrainsAFisheye) {
+  const Room room = film(camera_of(Radtan{290, 290, 318, 243, -0.3, 0.08}));
+  const RayReconstruction r =
+      reconstruct_along_rays(room.tracks, camera_of(KannalaBrandt{262, 262, 319.5, 239.5}), {});
+  ASSERT_EQ(r.posed, 14);
+  EXPECT_GT(r.strain, 10);
 }
 
 TEST(WideLens, FisheyeIsToldFromAPerspectiveLens) {
