@@ -21,7 +21,8 @@ namespace {
 
 constexpr size_t kMib = size_t{1} << 20, kResident = 32 * kMib;
 
-// Bytes of files that are in memory for this process; what a sanitizer keeps of each address is not among them.
+// Bytes of files that are in memory for this process; what a sanitizer keeps of each address is not among
+// them.
 size_t resident() {
   size_t all = 0, any = 0, of_files = 0;
   std::ifstream("/proc/self/statm") >> all >> any >> of_files;
