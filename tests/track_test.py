@@ -547,6 +547,11 @@ class WithoutCameraFile(TrackTest):
         report = json.loads((self.folder / "one" / "report.json").read_text())
         self.assertEqual(report["command"], "track")
         self.assertIn("look as if the camera zoomed", report["warnings"][-1])
+        done = self.track(room, "--camera", camera, out=self.folder / "given")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.folder / "given" / "report.json").read_text())
+        self.assertEqual((report["command"], report["lens_source"]), ("track", "camera file"))
+        self.assertIn("zoom", report["warnings"][-1])
 
     def test_fisheye(self):
         """A lens of 140 degrees is found as the fisheye that it is, and followed as well as with its calibration."""

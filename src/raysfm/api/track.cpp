@@ -45,6 +45,8 @@ struct Sources {
 
 // Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
 constexpr double kUsualReadout = 0.02;
+// Key frames of footage that is too short for the tracker to measure a zoom by the way.
+constexpr int kShort = 40;
 
 Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSink& event) {
   if (settings.camera.empty()) {
@@ -553,8 +555,10 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   std::string& zoom = sources->zoom.warning;
   if (scans) zoom.clear();
   if (change) zoom = zoom_warning(*change);
-  if (sources->zoom.may_be && !callbacks.stopped()) {
-    const Reconstruction& r = tracked->reconstruction;
+  const Reconstruction& r = tracked->reconstruction;
+  const bool is_short = sources->origin.source == "camera file" && r.rig.cameras.size() == 1 &&
+                        std::ssize(r.keyframes) < kShort;
+  if ((sources->zoom.may_be || is_short) && !callbacks.stopped()) {
     if (zoom.empty()) zoom = zoom_warning(zoom_in_map(r));
     const bool may_be_solved =
         sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
