@@ -41,9 +41,8 @@ const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
 // Key frames above which a new scale does not wait for everything to be adjusted along with it.
 constexpr size_t kQuicklyScaled = 100;
-// Points in each key frame of a large map that tell its pose, and in each of the newest where the calibration
-// has changed.
-constexpr int kThinnedPoints = 80, kAdaptedPoints = 240;
+// Points in each key frame of a large map that tell its pose.
+constexpr int kThinnedPoints = 80;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
@@ -531,7 +530,7 @@ void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
   if (to_the_end) {
     adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
   } else {
-    raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kAdaptedPoints);
+    adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
   }
   scatter(first, map);
   if (first == 0) release_scratch(*map);
