@@ -113,6 +113,7 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
   }
   MotionShares shares;
   shares.homography = lower_quartile(&homography);
+  shares.mostly_homography = median_of(&homography);
   shares.translation = lower_quartile(&translation);
   shares.moved = median_of(&moved);
   shares.pairs = static_cast<int>(homography.size());
@@ -125,7 +126,7 @@ HopelessMotion hopeless_motion(const MotionShares& shares) {
   if (shares.pairs == 0 || shares.moved < kStill) {
     return {"no motion", "the image hardly moves while corners can be followed"};
   }
-  if (shares.homography > kNearlyAll && shares.rotation > kNearlyAll) {
+  if (shares.mostly_homography > kNearlyAll && shares.rotation > kNearlyAll) {
     return {"pure rotation", "one turn about its centre explains what the camera sees, there is no parallax"};
   }
   if (shares.homography > kAll) {

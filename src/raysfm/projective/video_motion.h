@@ -10,10 +10,11 @@ namespace raysfm {
 // How well simple motions explain the matches of images far apart: shares of the matches that agree with an
 // epipolar geometry, in [0, 1], which three quarters of the pairs exceed.
 struct MotionShares {
-  double homography = 0;   // also agree with a homography: a turning camera, or a plane
-  double rotation = 0;     // of pairs whose homography has the eigenvalues of a rotation
-  double translation = 0;  // also move along lines through one point: no rotation
-  double moved = 0;        // median of pairs of the median displacement, share of the image's larger side
+  double homography = 0;         // also agree with a homography: a turning camera, or a plane
+  double mostly_homography = 0;  // the same, which half of the pairs exceed
+  double rotation = 0;           // of pairs whose homography has the eigenvalues of a rotation
+  double translation = 0;        // also move along lines through one point: no rotation
+  double moved = 0;  // median of pairs of the median displacement, share of the image's larger side
   int pairs = 0;
 };
 
