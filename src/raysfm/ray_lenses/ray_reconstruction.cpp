@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <utility>
 
 #include "raysfm/bundle/bundle_adjuster.h"
@@ -96,7 +95,6 @@ class RayGrowth {
   std::vector<Eigen::Vector3d> ray_;  // one per observation
   BundleAdjuster adjuster_;
   PoseEstimator estimator_;
-  std::optional<CalibrationEvidence> evidence_;  // the latest
 };
 
 RayGrowth::RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOptions& options)
@@ -365,15 +363,15 @@ bool RayGrowth::try_lens(const Eigen::VectorXd& values) {
 double RayGrowth::step_lens() {
   constexpr int kHalvings = 5;
   ProblemPart part = this->part();
-  evidence_ = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
-  if (!evidence_) return 0;
-  const double variance = evidence_->cost / std::max(1, evidence_->observations);
+  const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
+  if (!evidence) return 0;
+  const double variance = evidence->cost / std::max(1, evidence->observations);
   const Eigen::VectorXd guess = variance * sigma_.cwiseAbs2().cwiseInverse();
-  Eigen::MatrixXd information = evidence_->information;
+  Eigen::MatrixXd information = evidence->information;
   information.diagonal() += guess;
   const auto unit = sigma_.asDiagonal();
   const Eigen::MatrixXd scaled = unit * information * unit;
-  const Eigen::VectorXd right = -(unit * (evidence_->gradient + guess.cwiseProduct(values_)));
+  const Eigen::VectorXd right = -(unit * (evidence->gradient + guess.cwiseProduct(values_)));
   Eigen::VectorXd step = scaled.ldlt().solve(right);
   for (int h = 0; h < kHalvings; ++h, step *= 0.5) {
     if (try_lens(values_ + unit * step)) return step.norm();
@@ -415,9 +413,9 @@ void RayGrowth::settle() {
 
 void RayGrowth::take_sigma() {
   ProblemPart part = this->part();
-  evidence_ = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
-  if (!evidence_) return;
-  const CalibrationEvidence& e = *evidence_;
+  const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
+  if (!evidence) return;
+  const CalibrationEvidence& e = *evidence;
   const auto unit = sigma_.asDiagonal();
   const double variance = e.cost / std::max(1, e.observations);
   const Eigen::MatrixXd information = unit * e.information * unit;

@@ -83,6 +83,16 @@ PerspectiveFit fit_of(const UncalibratedReconstruction& r) {
   return {r.scene, r.radial, r.image_posed, r.point_placed, r.inlier};
 }
 
+// Of a film whose perspective lens is doubted.
+WideLensSearch searched(const PointTracks& tracks) {
+  const UncalibratedReconstruction perspective = perspective_of(tracks);
+  const PerspectiveFit fit = fit_of(perspective);
+  EXPECT_TRUE(may_be_wide_lens(tracks, fit));
+  WideLensSearch search = find_wide_lens(tracks, &fit, {});
+  EXPECT_TRUE(search.compared);
+  return search;
+}
+
 class AlongRays : public testing::TestWithParam<double> {};
 
 TEST_P(AlongRays, LensIsFoundFromAGuessFarOff) {
@@ -129,11 +139,7 @@ TEST(RayLens, BarrelDistortionStrainsAFisheye) {
 TEST(WideLens, FisheyeIsToldFromAPerspectiveLens) {
   const Camera truth = camera_of(kFisheye);
   const Room room = film(truth);
-  const UncalibratedReconstruction perspective = perspective_of(room.tracks);
-  const PerspectiveFit fit = fit_of(perspective);
-  EXPECT_TRUE(may_be_wide_lens(room.tracks, fit));
-  const WideLensSearch search = find_wide_lens(room.tracks, &fit, {});
-  EXPECT_TRUE(search.compared);
+  const WideLensSearch search = searched(room.tracks);
   ASSERT_TRUE(search.found) << search.evidence;
   EXPECT_LT(largest_difference(truth, search.found->camera), 1);
 }
@@ -141,11 +147,7 @@ TEST(WideLens, FisheyeIsToldFromAPerspectiveLens) {
 // 93 degrees from side to side, bent inwards by a fifth at the corners.
 TEST(WideLens, BarrelDistortionIsNoFisheye) {
   const Room room = film(camera_of(Radtan{350, 350, 316, 243, -0.2, 0.03}));
-  const UncalibratedReconstruction perspective = perspective_of(room.tracks);
-  const PerspectiveFit fit = fit_of(perspective);
-  EXPECT_TRUE(may_be_wide_lens(room.tracks, fit));
-  const WideLensSearch search = find_wide_lens(room.tracks, &fit, {});
-  EXPECT_TRUE(search.compared);
+  const WideLensSearch search = searched(room.tracks);
   EXPECT_FALSE(search.found) << search.evidence;
 }
 
