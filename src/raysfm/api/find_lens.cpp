@@ -137,11 +137,6 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
   return lens;
 }
 
-double posed_share(const UncalibratedReconstruction& found) {
-  return static_cast<double>(std::ranges::count(found.image_posed, 1)) /
-         static_cast<double>(found.image_posed.size());
-}
-
 // Whether a reconstruction knows its focal length well enough for a lens to be taken from it.
 bool is_told(const UncalibratedReconstruction& found, const PointTracks& tracks) {
   const double posed = posed_share(found);
@@ -292,6 +287,11 @@ Result<void> check_single(const TrackSettings& settings, const Input& input) {
 }
 
 }  // namespace
+
+double posed_share(const UncalibratedReconstruction& found) {
+  return static_cast<double>(std::ranges::count(found.image_posed, 1)) /
+         static_cast<double>(found.image_posed.size());
+}
 
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed) {

@@ -116,10 +116,8 @@ Result<UncalibratedReconstruction> reconstruct_input(SolveInput* input, const So
 }
 
 // 0 without a reconstruction.
-double posed_share(const Result<UncalibratedReconstruction>& found) {
-  if (!found) return 0;
-  const auto posed = std::ranges::count(found->image_posed, 1);
-  return static_cast<double>(posed) / static_cast<double>(found->image_posed.size());
+double reached_share(const Result<UncalibratedReconstruction>& found) {
+  return found ? posed_share(*found) : 0;
 }
 
 void warn(const EventSink& event, SolveResult* solved) {
@@ -177,7 +175,7 @@ Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, cons
   if (!joined) return found;
   Result<UncalibratedReconstruction> other =
       reconstruct_input(&joined->input, settings, callbacks, joined->start ? &*joined->start : nullptr);
-  if (!(posed_share(other) > posed_share(found))) return found;
+  if (!(reached_share(other) > reached_share(found))) return found;
   *input = std::move(joined->input);
   return other;
 }
@@ -186,7 +184,8 @@ Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, cons
 Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, SolveInput* input,
                            Result<UncalibratedReconstruction>* found) {
   if (settings.images != "auto" || is_tracks_file(settings.input) || !input->in_order ||
-      input->tracks.image_count > kFewImages || callbacks.stopped() || !(posed_share(*found) < kGoodShare)) {
+      input->tracks.image_count > kFewImages || callbacks.stopped() ||
+      !(reached_share(*found) < kGoodShare)) {
     return {};
   }
   tell(callbacks.event, Event::Level::kInfo,
@@ -195,7 +194,7 @@ Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& 
   Result<SolveInput> photos = tracks_from_photos(settings, callbacks);
   if (!photos) return photos.error();
   Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
-  if (posed_share(other) >= posed_share(*found)) {
+  if (reached_share(other) >= reached_share(*found)) {
     *input = *std::move(photos);
     *found = std::move(other);
   }
