@@ -42,7 +42,7 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
   lost_.reserve(lanes);
   chunk_cost_.resize(layout_.chunks.size());
   chunk_loses_.resize(layout_.chunks.size());
-  point_terms_.resize(9 * lanes);
+  set_size(point_terms_, 9 * lanes);
   load_rays();
   current_.load(problem, lanes);
   trial_.load(problem, lanes);

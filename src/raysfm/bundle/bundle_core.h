@@ -84,7 +84,7 @@ class BundleCore {
   SchurSystem<N> system_;
   State current_, trial_;
   LargeArray<RayBlock> rays_;       // by block of lanes
-  LargeArray<double> point_terms_;  // V and gp of each lane
+  ScratchArray<double> point_terms_;  // V and gp of each lane
   LargeArray<double> chunk_cost_;
   LargeArray<uint8_t> active_;   // by lane: an inlier that has a residual
   LargeArray<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass

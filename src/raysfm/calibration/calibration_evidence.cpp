@@ -7,6 +7,7 @@
 #include "raysfm/bundle/bundle_core.h"
 #include "raysfm/bundle/scale_estimate.h"
 #include "raysfm/camera/camera_class.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/geometry/rotation.h"
 
 namespace raysfm {
@@ -79,7 +80,7 @@ class Measurement {
   };
 
   template <int Rows>
-  BlockMap<Rows> rows(std::vector<double>& all, int i) {
+  BlockMap<Rows> rows(LargeArray<double>& all, int i) {
     return BlockMap<Rows>(&all[static_cast<size_t>(Rows) * width_ * i], Rows, width_);
   }
   BlockMap<2> by_parameters(size_t term) { return rows<2>(by_parameters_, static_cast<int>(term)); }
@@ -350,7 +351,7 @@ class Measurement {
   // scatter.
   Eigen::MatrixXd scatter(const Eigen::VectorXd& step) {
     const int images = static_cast<int>(problem_.rig_from_world.size());
-    std::vector<double> clusters(static_cast<size_t>(width_) * (cluster_count() + images), 0.0);
+    LargeArray<double> clusters(static_cast<size_t>(width_) * (cluster_count() + images), 0.0);
     const auto part_of = [&](int cluster) { return rows<1>(clusters, cluster); };
     std::vector<int> cluster_of(core_.layout().points.size(), -1);
     Eigen::Matrix<double, Width, 1> padded = Eigen::VectorXd::Zero(width_);
@@ -402,7 +403,7 @@ class Measurement {
   std::vector<std::vector<Placed>> moved_;  // by camera, by parameter that concerns it
   std::vector<int> readouts_;               // parameters that are one
   std::vector<Term> terms_;
-  std::vector<double> by_parameters_, pose_rows_, point_rows_;
+  LargeArray<double> by_parameters_, pose_rows_, point_rows_;
 };
 
 }  // namespace

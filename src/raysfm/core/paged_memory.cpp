@@ -29,7 +29,9 @@ constexpr size_t kPage = 4096;
 constexpr size_t kReserved = size_t{256} << 30;  // bytes of addresses, the most that the file can have
 constexpr size_t kMostAligned = 1 << 20;
 constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap
-constexpr std::align_val_t kCacheLine{64};
+constexpr size_t kLargePage = 2 << 20;
+constexpr size_t kLeastInLargePages = 1 << 20;
+constexpr std::align_val_t kCacheLine{64}, kLargePageLine{kLargePage};
 constexpr std::chrono::milliseconds kWatched{2};
 
 size_t rounded_up(size_t value, size_t step) {
@@ -231,12 +233,20 @@ bool free_paged(void* block, size_t bytes) noexcept {
 }
 
 void* allocate_large(size_t bytes) {
-  void* const block = bytes < kLeastPaged ? nullptr : allocate_paged(bytes, kPage);
-  return block ? block : ::operator new(bytes, kCacheLine);
+  if (bytes >= kLeastPaged) {
+    if (void* const block = allocate_paged(bytes, kPage)) return block;
+  }
+  if (bytes < kLeastInLargePages || bytes > SIZE_MAX - kLargePage) return ::operator new(bytes, kCacheLine);
+  const size_t length = rounded_up(bytes, kLargePage);
+  void* const block = ::operator new(length, kLargePageLine);
+  ::madvise(block, length, MADV_HUGEPAGE);  // what it refuses is paged as ever
+  return block;
 }
 
 void free_large(void* block, size_t bytes) noexcept {
-  if (!free_paged(block, bytes)) ::operator delete(block, kCacheLine);
+  if (free_paged(block, bytes)) return;
+  if (bytes < kLeastInLargePages) return ::operator delete(block, kCacheLine);
+  ::operator delete(block, kLargePageLine);
 }
 
 }  // namespace raysfm

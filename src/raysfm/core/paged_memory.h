@@ -2,6 +2,9 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <new>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "raysfm/core/result.h"
@@ -27,8 +30,9 @@ void* allocate_paged(size_t bytes, size_t alignment);
 // the file.
 bool free_paged(void* block, size_t bytes) noexcept;
 
-// Aligned to a line of the cache; in the file where there is one and the block is large. Throws
-// std::bad_alloc.
+// Aligned to a line of the cache; in the file where there is one and the block is large. Blocks of a megabyte
+// and more that are not lie in as few pages of the system's large size as hold them, where it has such pages.
+// Throws std::bad_alloc.
 void* allocate_large(size_t bytes);
 void free_large(void* block, size_t bytes) noexcept;
 
@@ -54,5 +58,35 @@ struct LargeAllocator {
 // element is aligned to 64 bytes.
 template <typename T>
 using LargeArray = std::vector<T, LargeAllocator<T>>;
+
+// The same without a first value, for what is written before it is read.
+template <typename T>
+struct ScratchAllocator : LargeAllocator<T> {
+  using value_type = T;
+
+  ScratchAllocator() = default;
+  template <typename U>
+  ScratchAllocator(const ScratchAllocator<U>&) {}
+
+  template <typename U>
+  void construct(U* place) noexcept {
+    static_assert(std::is_trivially_destructible_v<U>);
+    ::new (static_cast<void*>(place)) U;
+  }
+  template <typename U, typename... Arguments>
+  void construct(U* place, Arguments&&... arguments) {
+    ::new (static_cast<void*>(place)) U(std::forward<Arguments>(arguments)...);
+  }
+};
+
+template <typename T>
+using ScratchArray = std::vector<T, ScratchAllocator<T>>;
+
+// What the array held is lost; memory only grows, and nothing is copied or filled.
+template <typename T>
+void set_size(ScratchArray<T>& array, size_t size) {
+  array.clear();
+  array.resize(size);
+}
 
 }  // namespace raysfm

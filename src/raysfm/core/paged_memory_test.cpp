@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdint>
@@ -148,6 +149,57 @@ TEST(PagedMemory, IsRefusedWithoutAFolder) {
     expect_numbers(numbers(1, kMib), 1);
     EXPECT_EQ(paged_bytes(), 0u);
   });
+}
+
+// Of this process, that the system brought in without reading a file.
+long pages_touched() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return usage.ru_minflt;
+}
+
+bool has_large_pages() {
+  std::string setting;
+  std::getline(std::ifstream("/sys/kernel/mm/transparent_hugepage/enabled") >> std::ws, setting);
+  return setting.find("[never]") == std::string::npos && !setting.empty();
+}
+
+TEST(LargeArray, TouchesFewPages) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "a sanitizer keeps pages of its own";
+#endif
+  if (!has_large_pages()) GTEST_SKIP() << "this system has no large pages";
+  constexpr long kMost = 4096;  // of 16384 small ones: not every large page is to be had
+  const long before = pages_touched();
+  const LargeArray<uint64_t> all = numbers(0, 64 * kMib / sizeof(uint64_t));
+  EXPECT_LT(pages_touched() - before, kMost);
+  expect_numbers(all, 0);
+}
+
+TEST(LargeArray, HoldsWhatIsWrittenAtAnySize) {
+  for (const size_t size : {size_t{1}, kMib / 8 - 1, kMib / 8, kMib / 4 + 1, kMib}) {
+    LargeArray<uint64_t> all = numbers(1, size);
+    all.push_back(number_at(1, size));
+    expect_numbers(all, 1);
+    EXPECT_EQ(reinterpret_cast<uintptr_t>(all.data()) % 64, 0u);
+  }
+}
+
+TEST(ScratchArray, IsNotFilledAndKeepsItsMemory) {
+  ScratchArray<int> scratch;
+  set_size(scratch, 1000);
+  std::fill(scratch.begin(), scratch.end(), 7);
+  const int* const place = scratch.data();
+  set_size(scratch, 10);
+  set_size(scratch, 1000);
+  EXPECT_EQ(scratch.size(), 1000u);
+  EXPECT_EQ(scratch.data(), place);
+  EXPECT_EQ(std::count(scratch.begin(), scratch.end(), 7), 1000);
+}
+
+TEST(ScratchArray, IsFilledWhereThatIsAskedFor) {
+  const ScratchArray<int> filled(5, 3);
+  EXPECT_EQ(std::count(filled.begin(), filled.end(), 3), 5);
 }
 
 }  // namespace

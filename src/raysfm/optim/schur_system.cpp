@@ -30,13 +30,13 @@ void SchurSystem<N>::set_structure(int pose_count, std::span<const int> point_be
   cut_work();
   poses_.resize(pose_count);
   points_.resize(point_count_);
-  cross_.resize(kCrossSize<N> * pose_of_slot.size());
-  scaled_.resize(kCrossSize<N> * pose_of_slot.size());
-  factors_.resize(kFactorSize * (points_.size() + 7));
-  right_.resize(N * poses_.size());
-  work_.resize(N * poses_.size());
-  pose_steps_.resize(N * poses_.size());
-  point_steps_.resize(3 * points_.size());
+  set_size(cross_, kCrossSize<N> * pose_of_slot.size());
+  set_size(scaled_, kCrossSize<N> * pose_of_slot.size());
+  set_size(factors_, kFactorSize * (points_.size() + 7));
+  set_size(right_, N * poses_.size());
+  set_size(work_, N * poses_.size());
+  set_size(pose_steps_, N * poses_.size());
+  set_size(point_steps_, 3 * points_.size());
 }
 
 template <int N>
@@ -109,7 +109,7 @@ void SchurSystem<N>::list_products() {
     const size_t length = point_begin_[p + 1] - point_begin_[p];
     count += length * (length + 1) / 2;
   }
-  pairs_.resize(count);
+  set_size(pairs_, count);
   marks_.assign(pose_count_, 0);  // pairs of each row in the column
   place_.resize(pose_count_);
   offsets_.resize(pose_count_);

@@ -101,20 +101,20 @@ class SchurSystem {
   LargeArray<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
   LargeArray<PoseBlock> poses_;
   LargeArray<PointBlock> points_;
-  LargeArray<double> cross_;
+  ScratchArray<double> cross_;
 
   LargeArray<int> pattern_begin_, pattern_, marks_;
   LargeArray<size_t> offsets_;
   LargeArray<int64_t> place_;
-  LargeArray<SlotPair> pairs_;
+  ScratchArray<SlotPair> pairs_;
   LargeArray<ProductRun> runs_;
   std::vector<int> run_chunks_;  // the runs are shared out in these chunks
   BlockCholesky reduced_{N};
-  LargeArray<double> factors_;  // per point: L^-1 and y
-  LargeArray<double> scaled_;   // Z per slot, laid out as W
-  LargeArray<double> right_;    // right hand side and solution of S, by position
-  LargeArray<double> work_;
-  LargeArray<double> pose_steps_, point_steps_;
+  ScratchArray<double> factors_;  // per point: L^-1 and y
+  ScratchArray<double> scaled_;   // Z per slot, laid out as W
+  ScratchArray<double> right_;    // right hand side and solution of S, by position
+  ScratchArray<double> work_;
+  ScratchArray<double> pose_steps_, point_steps_;
 };
 
 extern template class SchurSystem<6>;

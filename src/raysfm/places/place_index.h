@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "raysfm/core/archive.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/core/slab_allocator.h"
 #include "raysfm/features/descriptor.h"
 
@@ -55,7 +56,7 @@ class PlaceIndex {
   };
   void fetch_ahead(std::span<const uint64_t> asked_for, size_t now) const;
 
-  std::vector<Bucket> buckets_;  // of one quarter after another
+  LargeArray<Bucket> buckets_;  // of one quarter after another
   int size_ = 0;
 };
 

@@ -149,8 +149,10 @@ class Window {
   void eliminate(const Eigen::LDLT<Matrix3d>& factor, const Vector3d& step, int first, Cluster* cluster) {
     Cluster& c = *cluster;
     if (!c.used()) c.first = c.end = first / kPoses * kPoses;
+    int last = first;
+    for (const Term& t : terms_) last = std::max(last, t.pose);
+    c.reach(last);
     for (const Term& t : terms_) {
-      c.reach(t.pose);
       const int row = c.row_of(t.pose);
       const Vector2d left = t.residual - t.by_point * step;
       squares_ += left.squaredNorm();
