@@ -45,6 +45,9 @@ constexpr size_t kQuicklyScaled = 100;
 constexpr int kThinnedPoints = 80;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
+// Key frames to an adjustment, where tracking does not need one. With 1 kitti07-mono and kitti00-small are no
+// better, and slower.
+constexpr int kAdjustEvery = 2;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 constexpr double kInlierError = 2.0;  // standard deviations, which are pixels of the octave
@@ -194,7 +197,7 @@ void start_tracks(const TrackingRig& rig, const View& view, float spacing, int k
   }
 }
 
-void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* map,
+void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Adjusting adjusting, Map* map,
                           std::vector<KeyFrameView>* views) {
   {
     ScopedTimer timer(keyframe_timing);
@@ -209,7 +212,7 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Map* ma
     triangulate_tracks(keyframe, map);
     complete_keyframe(view, keyframe, pose.velocity, map, views);
   }
-  adjust_locally(map);
+  if (is_adjustment_due(adjusting, static_cast<int>(map->keyframes.size()))) adjust_locally(map);
   refit_surfaces(*map, views);
   if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) {
     measure_scale(map->keyframes.size() > kQuicklyScaled ? ScaleEffort::kQuick : ScaleEffort::kFull, map);
@@ -511,6 +514,11 @@ void Mapper::release_scratch(const Map& map) {
   if (map.keyframes.size() <= kLargeMap) return;
   adjuster_ = {};
   window_ = {};
+}
+
+bool Mapper::is_adjustment_due(Adjusting adjusting, int keyframes) const {
+  return adjusting == Adjusting::kNow || options_.paper_window || keyframes <= kAlwaysGlobal ||
+         keyframes % kAdjustEvery == 0;
 }
 
 void Mapper::adjust_locally(Map* map) {

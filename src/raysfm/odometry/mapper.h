@@ -20,14 +20,18 @@ namespace raysfm {
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
 
+// How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
+enum class Adjusting { kNow, kSoon };
+
 // Grows a map by key frames (LBA09 2.4 and 2.5). Owns scratch memory.
 class Mapper {
  public:
   Mapper(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Makes a posed frame the newest key frame: takes over its matches, follows the tracks that have no
-  // position yet, triangulates, starts new tracks at the remaining corners, adjusts the end of the map.
-  void add_keyframe(const ViewPtr& view, const Localisation& pose, Map* map,
+  // position yet, triangulates, starts new tracks at the remaining corners, adjusts the end of the map: along
+  // with the next one, where it may be soon.
+  void add_keyframe(const ViewPtr& view, const Localisation& pose, Adjusting adjusting, Map* map,
                     std::vector<KeyFrameView>* views);
 
   // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines,
@@ -97,6 +101,7 @@ class Mapper {
   BundleProblem window_problem(const Map& map);
   ScalePrior present_extent() const;
   void scatter(int first_free, Map* map);
+  bool is_adjustment_due(Adjusting adjusting, int keyframes) const;
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
   void release_scratch(const Map& map);
 

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <set>
+#include <span>
+#include <vector>
 
 #include "raysfm/eval/alignment.h"
 #include "support/long_drive.h"
@@ -71,7 +73,7 @@ class KeyFrameTest : public testing::Test {
 
 TEST_F(KeyFrameTest, NewPointsHaveParallaxFitTheirObservationsAndLieOnTheSurface) {
   ASSERT_TRUE(localisation_.ok) << localisation_.reason;
-  mapper_.add_keyframe(view_, localisation_, &truth_.map, &truth_.views);
+  mapper_.add_keyframe(view_, localisation_, Adjusting::kNow, &truth_.map, &truth_.views);
   int found = 0, true_points = 0;
   for (int t = known_; t < static_cast<int>(truth_.map.tracks.size()); ++t) {
     const Track& track = truth_.map.tracks[t];
@@ -106,7 +108,7 @@ TEST_F(KeyFrameTest, NewPointsHaveParallaxFitTheirObservationsAndLieOnTheSurface
 
 TEST_F(KeyFrameTest, TakesOverTheMatchesAndStartsTracksAtTheOtherCorners) {
   ASSERT_TRUE(localisation_.ok) << localisation_.reason;
-  mapper_.add_keyframe(view_, localisation_, &truth_.map, &truth_.views);
+  mapper_.add_keyframe(view_, localisation_, Adjusting::kNow, &truth_.map, &truth_.views);
   ASSERT_EQ(truth_.map.keyframes.size(), 3u);
   ASSERT_EQ(truth_.views.size(), 3u);
   const MapKeyFrame& added = truth_.map.keyframes[2];
@@ -137,7 +139,7 @@ TEST_F(KeyFrameTest, TakesOverTheMatchesAndStartsTracksAtTheOtherCorners) {
 TEST_F(KeyFrameTest, ThePoseStaysTrueAndTheFirstKeyFrameStaysTheWorld) {
   ASSERT_TRUE(localisation_.ok) << localisation_.reason;
   const Rigid3 first = truth_.map.keyframes[0].rig_from_world;
-  mapper_.add_keyframe(view_, localisation_, &truth_.map, &truth_.views);
+  mapper_.add_keyframe(view_, localisation_, Adjusting::kNow, &truth_.map, &truth_.views);
   EXPECT_TRUE(same(truth_.map.keyframes[0].rig_from_world, first));
   // The scale may move a little, the shape not.
   const Rigid3 truth = true_pose(truth_.rig, 3).inverse(), world = first.inverse();
@@ -155,7 +157,8 @@ TEST_F(KeyFrameTest, KeyFramesWithHardlyABaselineGiveNoPoints) {
     near.rig_from_world = truth.map.keyframes[1].rig_from_world;
     near.rig_from_world.translation += near.rig_from_world.rotation * Eigen::Vector3d(-baseline, 0, 0);
     near.matches.clear();
-    mapper_.add_keyframe(film(world_, camera(), near.rig_from_world, 2, 99), near, &truth.map, &truth.views);
+    mapper_.add_keyframe(film(world_, camera(), near.rig_from_world, 2, 99), near, Adjusting::kNow,
+                         &truth.map, &truth.views);
     int found = 0, seen_twice = 0;
     for (size_t t = known_; t < truth.map.tracks.size(); ++t) {
       found += truth.map.tracks[t].triangulated;
@@ -320,6 +323,43 @@ TEST_F(AdjustTest, APositionThatNoTwoViewsSupportIsGivenUp) {
   mapper.adjust_globally(&truth_.map);
   EXPECT_FALSE(track.triangulated);
   EXPECT_TRUE(truth_.map.tracks[1].triangulated);
+}
+
+// Key frames 11 and 12 at their true poses.
+class AdjustingTest : public testing::Test {
+ protected:
+  // Whether the map moved.
+  bool adds_one(Adjusting adjusting) {
+    const std::vector<MapKeyFrame> before = truth_.map.keyframes;
+    const int k = static_cast<int>(before.size());
+    Localisation at;
+    at.ok = true;
+    at.rig_from_world = true_pose(truth_.rig, k);
+    const ViewPtr view = film(world_, truth_.rig.camera(0), at.rig_from_world, k);
+    mapper_.add_keyframe(view, at, adjusting, &truth_.map, &truth_.views);
+    return !std::ranges::equal(before, std::span(truth_.map.keyframes).first(k), same,
+                               &MapKeyFrame::rig_from_world, &MapKeyFrame::rig_from_world);
+  }
+
+  PanelWorld world_{7};
+  TrueMap truth_ = true_map(world_, 10);
+  OdometryOptions options_;
+  Mapper mapper_{truth_.rig, options_};
+};
+
+TEST_F(AdjustingTest, AKeyFrameThatMayWaitIsAdjustedWithTheNext) {
+  EXPECT_FALSE(adds_one(Adjusting::kSoon));
+  EXPECT_TRUE(adds_one(Adjusting::kSoon));
+  EXPECT_FALSE(adds_one(Adjusting::kSoon));
+}
+
+TEST_F(AdjustingTest, AKeyFrameThatTrackingNeedsIsAdjustedAtOnce) {
+  EXPECT_TRUE(adds_one(Adjusting::kNow));
+}
+
+TEST_F(AdjustingTest, ThePaperAdjustsEveryKeyFrame) {
+  options_.paper_window = true;
+  EXPECT_TRUE(adds_one(Adjusting::kSoon));
 }
 
 // Patches that slide the same way, by less than makes an outlier, bend the path by a loss that suits what an

@@ -424,7 +424,7 @@ void Odometry::track(ViewPtr view) {
       previous_->pose.velocity =
           velocity_of(previous_->view->frame, previous_->pose.rig_from_world, &pose.rig_from_world);
     }
-    step.translation *= promote(previous_->view, previous_->pose);
+    step.translation *= promote(previous_->view, previous_->pose, Adjusting::kNow);
     const Rigid3 predicted = step * previous_->pose.rig_from_world;
     pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
     if (!convincing(pose)) pose = localise(&view);
@@ -435,7 +435,7 @@ void Odometry::track(ViewPtr view) {
     follow_scan(*view, &pose);
   } else if ((needed || has_moved_on(view->frame, pose)) && is_due(pose)) {
     view = detected(view);
-    promote(view, pose);
+    promote(view, pose, needed ? Adjusting::kNow : Adjusting::kSoon);
     pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
   }
   accept(view, std::move(pose));
@@ -476,10 +476,10 @@ double Odometry::mean_keyframe_distance() const {
 }
 
 // Returns the factor by which that rescaled the map.
-double Odometry::promote(const ViewPtr& view, const Localisation& pose) {
+double Odometry::promote(const ViewPtr& view, const Localisation& pose, Adjusting adjusting) {
   const double rescaled = segment().map.rescaled;
   correct_scans(world(), first_scan_to_correct());
-  mapper_.add_keyframe(view, pose, &segment().map, &segment().views);
+  mapper_.add_keyframe(view, pose, adjusting, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
   refine_calibration(world(), false);

@@ -222,7 +222,7 @@ class Odometry {
   void all_has_moved();
   bool has_moved_on(int frame, const Localisation& pose) const;
   bool needs_keyframe(const Localisation& pose) const;
-  double promote(const ViewPtr& view, const Localisation& pose);
+  double promote(const ViewPtr& view, const Localisation& pose, Adjusting adjusting);
   static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);

@@ -254,7 +254,7 @@ void Odometry::take_up_place(const ViewPtr& view, const PlaceRef& where, const D
     pose.matches.push_back({corner, true});
   }
   const double rescaled = s.map.rescaled;
-  mapper_.add_keyframe(view, pose, &s.map, &s.views);
+  mapper_.add_keyframe(view, pose, Adjusting::kNow, &s.map, &s.views);
   rescale_frames(active_, s.map.rescaled / rescaled);
   const int keyframe = static_cast<int>(s.map.keyframes.size()) - 1;
   pose.rig_from_world = s.map.keyframes[keyframe].rig_from_world;
