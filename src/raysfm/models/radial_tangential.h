@@ -68,27 +68,63 @@ double one_to_one_radius2(const Radial& radial, double p1, double p2) {
   return std::pow(std::tan(good), 2);
 }
 
+constexpr double kUndistorted = 1e-13;  // of |n|, relative above 1
+constexpr int kMaxUndistortions = 50;
+
+// Solves r s(r^2) = d for r below the root of `radius2`, likewise. d: not negative.
+template <typename Radial>
+bool undistort_radius(const Radial& radial, double radius2, double d, double* r) {
+  double x = d * d < radius2 ? d : 0.95 * std::sqrt(radius2);
+  RadialFactor s = radial(x * x);
+  double residual = x * s.value - d;
+  for (int i = 0; i < kMaxUndistortions; ++i) {
+    double step = residual / (s.value + 2 * x * x * s.slope);
+    if (!std::isfinite(step)) return false;
+    const double size = std::abs(step) / std::max(1.0, x);
+    if (size <= kUndistorted) {
+      *r = x;
+      return true;
+    }
+    for (const double least = 1e-6 * std::abs(step);; step *= 0.5) {
+      if (std::abs(step) < least) return false;
+      const double next = x - step;
+      if (next < 0 || !(next * next < radius2)) continue;
+      s = radial(next * next);
+      const double next_residual = next * s.value - d;
+      // Rounding keeps a residual from falling further.
+      if (!(std::abs(next_residual) < std::abs(residual)) && size >= 1e-9) continue;
+      x = next;
+      residual = next_residual;
+      break;
+    }
+  }
+  return false;
+}
+
 // Solves distort(n) = d for n in the disc of squared radius `radius2`, by Newton's method whose steps are
 // halved until they stay in the disc and bring the residual down. False where there is no solution.
 template <typename Radial>
 bool undistort(const Radial& radial, double p1, double p2, double radius2, const Eigen::Vector2d& d,
                Eigen::Vector2d* n) {
-  constexpr double kTolerance = 1e-13;  // of |n|, relative above 1
-  constexpr int kMaxIterations = 50;
-  Eigen::Vector2d x = d;
-  if (!(d.squaredNorm() < radius2)) {
-    if (!d.allFinite()) return false;
-    x *= 0.95 * std::sqrt(radius2) / d.norm();
+  if (!d.allFinite()) return false;
+  if (p1 == 0 && p2 == 0) {
+    const double length = d.norm();
+    double radius;
+    if (!undistort_radius(radial, radius2, length, &radius)) return false;
+    *n = length > 0 ? Eigen::Vector2d(radius / length * d) : d;
+    return true;
   }
+  Eigen::Vector2d x = d;
+  if (!(d.squaredNorm() < radius2)) x *= 0.95 * std::sqrt(radius2) / d.norm();
   Eigen::Matrix2d jacobian;
   Eigen::Vector2d residual = distort(radial, p1, p2, x, &jacobian) - d;
-  for (int i = 0; i < kMaxIterations; ++i) {
+  for (int i = 0; i < kMaxUndistortions; ++i) {
     const double a = jacobian(0, 0), b = jacobian(0, 1), c = jacobian(1, 1);
     Eigen::Vector2d step(c * residual.x() - b * residual.y(), a * residual.y() - b * residual.x());
     step /= a * c - b * b;
     const double step_size = step.norm();
     if (!std::isfinite(step_size)) return false;
-    const bool converged = step_size <= kTolerance * std::max(1.0, x.norm());
+    const bool converged = step_size <= kUndistorted * std::max(1.0, x.norm());
     double scale = 1;
     Eigen::Vector2d next = x - step;
     Eigen::Vector2d next_residual = residual;

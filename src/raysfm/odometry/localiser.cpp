@@ -153,6 +153,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                            float radius, int step) {
   const Rigid3 cam_from_world = rig_.cam_from_rig(camera) * rig_from_world;
   const Eigen::Matrix3d cam_from_world_rotation = cam_from_world.rotation.toRotationMatrix();
+  const Eigen::Matrix3d rig_from_world_rotation = rig_from_world.rotation.toRotationMatrix();
   int keyframe = -1, source = -1;
   Eigen::Matrix3d source_rotation = Eigen::Matrix3d::Identity();  // world_from_source, with the next
   Eigen::Vector3d source_in_world = Eigen::Vector3d::Zero();
@@ -183,8 +184,9 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
       continue;
     }
     if (rig_.scans()) {
-      query.predicted += predict_scan_offset(rig_, camera, rig_from_world * position, velocity_,
-                                             query.predicted.cast<double>());
+      query.predicted +=
+          predict_scan_offset(rig_, camera, rig_from_world_rotation * position + rig_from_world.translation,
+                              velocity_, query.predicted.cast<double>());
     }
     if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned
     queries_.push_back(query);

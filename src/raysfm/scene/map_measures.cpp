@@ -5,11 +5,12 @@
 namespace raysfm {
 
 double median_distance(const MapKeyFrame& keyframe, const Map& map) {
+  const Eigen::Vector3d center = keyframe.rig_from_world.inverse().translation;
   std::vector<double> distances;
   for (int f = 0; f < keyframe.size(); ++f) {
     const int t = keyframe.tracks[f];
     if (t < 0 || !keyframe.inliers[f] || !map.tracks[t].triangulated) continue;
-    distances.push_back((keyframe.rig_from_world * map.tracks[t].position).norm());
+    distances.push_back((map.tracks[t].position - center).norm());
   }
   return median_of(&distances);
 }

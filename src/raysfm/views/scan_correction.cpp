@@ -19,12 +19,12 @@ void set_scan_offset(const TrackingRig& rig, int feature, const Eigen::Vector2f&
 namespace {
 
 // The point of a feature in the rig's frame at the instant. False where its pixel has no ray.
-bool point_of(const TrackingRig& rig, const Map& map, const MapKeyFrame& k, int f, double usual_distance,
-              const KeyFrameView* view, Eigen::Vector3d* point_in_rig) {
+bool point_of(const TrackingRig& rig, const Map& map, const MapKeyFrame& k, const Eigen::Matrix3d& rotation,
+              int f, double usual_distance, const KeyFrameView* view, Eigen::Vector3d* point_in_rig) {
   const Camera& camera = rig.camera(k.cameras[f]);
   Ray ray;
   if (k.tracks[f] >= 0 && map.tracks[k.tracks[f]].triangulated) {
-    *point_in_rig = k.rig_from_world * map.tracks[k.tracks[f]].position;
+    *point_in_rig = rotation * map.tracks[k.tracks[f]].position + k.rig_from_world.translation;
   } else if (view) {
     *point_in_rig = camera.rig_from_cam * point_on_ray(*view, f, usual_distance);
   } else if (camera.ray(k.pixels[f].cast<double>(), &ray)) {
@@ -43,6 +43,7 @@ void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, i
   if (!rig.scans()) return;
   MapKeyFrame& k = map->keyframes[keyframe];
   const double usual_distance = median_distance(k, *map);
+  const Eigen::Matrix3d rotation = k.rig_from_world.rotation.toRotationMatrix();
   std::vector<int> features;
   std::vector<Eigen::Vector3d> points_in_rig;
   std::vector<Eigen::Vector2d> pixels;
@@ -51,7 +52,8 @@ void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, i
     features.clear(), points_in_rig.clear(), pixels.clear();
     for (int f = first; f < k.size(); ++f) {
       Eigen::Vector3d point_in_rig;
-      if (k.cameras[f] != c || !point_of(rig, *map, k, f, usual_distance, view, &point_in_rig)) continue;
+      if (k.cameras[f] != c || !point_of(rig, *map, k, rotation, f, usual_distance, view, &point_in_rig))
+        continue;
       features.push_back(f);
       points_in_rig.push_back(point_in_rig);
       pixels.push_back(k.pixels[f].cast<double>());
