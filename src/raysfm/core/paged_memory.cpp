@@ -30,7 +30,8 @@ constexpr size_t kReserved = size_t{256} << 30;  // bytes of addresses, the most
 constexpr size_t kMostAligned = 1 << 20;
 constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap
 constexpr size_t kLargePage = 2 << 20;
-constexpr size_t kLeastInLargePages = 1 << 20;
+constexpr size_t kMostWasted = 512 << 10;  // bytes of the last large page of a block
+constexpr size_t kLeastInLargePages = kLargePage - kMostWasted;
 constexpr std::align_val_t kCacheLine{64}, kLargePageLine{kLargePage};
 constexpr std::chrono::milliseconds kWatched{2};
 
@@ -239,7 +240,8 @@ void* allocate_large(size_t bytes) {
   if (bytes < kLeastInLargePages || bytes > SIZE_MAX - kLargePage) return ::operator new(bytes, kCacheLine);
   const size_t length = rounded_up(bytes, kLargePage);
   void* const block = ::operator new(length, kLargePageLine);
-  ::madvise(block, length, MADV_HUGEPAGE);  // what it refuses is paged as ever
+  const size_t in_large_pages = (bytes + kMostWasted) / kLargePage * kLargePage;
+  ::madvise(block, in_large_pages, MADV_HUGEPAGE);  // what it refuses is paged as ever
   return block;
 }
 

@@ -30,9 +30,9 @@ void* allocate_paged(size_t bytes, size_t alignment);
 // the file.
 bool free_paged(void* block, size_t bytes) noexcept;
 
-// Aligned to a line of the cache; in the file where there is one and the block is large. Blocks of a megabyte
-// and more that are not lie in as few pages of the system's large size as hold them, where it has such pages.
-// Throws std::bad_alloc.
+// Aligned to a line of the cache; in the file where there is one and the block is large. What of other blocks
+// fills pages of the large size of the system lies in such pages, where there are any. Throws
+// std::bad_alloc.
 void* allocate_large(size_t bytes);
 void free_large(void* block, size_t bytes) noexcept;
 
