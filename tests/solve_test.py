@@ -183,6 +183,44 @@ class SolveTest(ProgramTest):
                                 (("--method", "magic"), ("method", "magic", "polished"))):
             self.refused("solve", path, "--out", self.folder / "out", *arguments, says=says)
 
+    CAMERA = f"""raysfm_camera: 1
+cameras:
+  - name: known
+    model: pinhole
+    resolution: [{WIDTH}, {HEIGHT}]
+    intrinsics: {{fx: 900, fy: 900, cx: {CENTRE[0]}, cy: {CENTRE[1]}}}
+"""
+
+    def test_known_camera(self):
+        scene = Scene(points=300)
+        tracks = self.file("tracks.csv", text(scene.rows(lambda j: 900)))
+        camera = self.file("camera.yaml", self.CAMERA)
+        done = run("solve", tracks, "--camera", camera, "--out", self.folder / "out")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.folder / "out" / "report.json").read_text())
+        self.assertEqual(report["frames"], report["frames"] | {"total": 9, "posed": 9})
+        self.assertEqual(report["lens_source"], "camera file")
+        self.assertFalse((self.folder / "out" / "lens.csv").exists())
+        lines = (self.folder / "out" / "trajectory.txt").read_text().splitlines()
+        poses = [[float(x) for x in line.split()] for line in lines if not line.startswith("#")]
+        # Distances between cameras, of which one is the unit of length.
+        unit_of_truth = math.dist(scene.cameras[0][0], scene.cameras[8][0])
+        unit_found = math.dist(poses[0][1:4], poses[8][1:4])
+        for j in range(1, 8):
+            self.assertAlmostEqual(math.dist(poses[0][1:4], poses[j][1:4]) / unit_found,
+                                   math.dist(scene.cameras[0][0], scene.cameras[j][0]) / unit_of_truth, delta=0.005)
+
+    def test_what_a_known_camera_does_not_go_with(self):
+        tracks = self.file("tracks.csv", text(Scene(images=3, points=20).rows(lambda j: 900)))
+        camera = self.file("camera.yaml", self.CAMERA)
+        two = self.file("two.yaml", self.CAMERA + self.CAMERA.split("cameras:\n")[1].replace("known", "other"))
+        for arguments, says in ((("--camera", self.folder / "none.yaml"), ("none.yaml", "no such file")),
+                                (("--camera", two), ("two.yaml", "2 cameras", "track")),
+                                (("--camera", camera, "--lens", "zoom"), ("--lens zoom", "--camera")),
+                                (("--camera", camera, "--images", "video"), ("--images video", "track")),
+                                (("--camera", camera, "--size", "640x480"), ("--size", "640x480", "800x600"))):
+            self.refused("solve", tracks, "--out", self.folder / "out", *arguments, says=says)
+
 
 if __name__ == "__main__":
     program.main()

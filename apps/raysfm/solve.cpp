@@ -40,7 +40,7 @@ class SolvePrinter : public ProgressLine {
 const FrameLens* middle_lens(const Reconstruction& r) {
   std::vector<int> lenses;
   for (const PosedFrame& frame : r.frames) {
-    if (frame.world_from_rig) lenses.push_back(frame.lens);
+    if (frame.lens >= 0) lenses.push_back(frame.lens);
   }
   return lenses.empty() ? nullptr : &r.lenses[lenses[lenses.size() / 2]];
 }
@@ -55,10 +55,10 @@ void print_lens(const FrameLens& lens) {
 
 void print_solve_summary(const SolveResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
-  const LensReport& lens = *result.report.lens;
   std::printf("%d of %zu frames posed, %zu points, rms %.2f px\n", posed_count(r), r.frames.size(),
               r.points.size(), r.rms_reprojection_px);
-  std::printf("lens %s: %s\n", lens.zooming ? "zooming" : "fixed", lens.evidence.c_str());
+  if (const auto& lens = result.report.lens)
+    std::printf("lens %s: %s\n", lens->zooming ? "zooming" : "fixed", lens->evidence.c_str());
   if (const FrameLens* middle = middle_lens(r)) print_lens(*middle);
   std::printf("%.1f s, %.0f MiB; written to %s\n", result.report.wall_s, result.report.peak_rss_mib,
               out.c_str());

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "raysfm/api/find_lens.h"
+#include "raysfm/api/known_camera.h"
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_result.h"
@@ -36,6 +37,14 @@ Result<void> validate(SolveSettings settings) {
   if (!settings.structure.empty() && !is_tracks_file(settings.input)) {
     return bad_input(fmt::format("--structure = '{}': allowed with a file of tracks only, {} is none",
                                  settings.structure, settings.input));
+  }
+  if (!settings.camera.empty() && !settings.structure.empty())
+    return bad_input("--structure: not with --camera, where nothing of the lens is unknown");
+  if (!settings.camera.empty() && (settings.lens == "zoom" || settings.images == "video")) {
+    return bad_input(
+        fmt::format("--{}: not with --camera, of which all images are photos; raysfm track takes "
+                    "a video of a known camera",
+                    settings.lens == "zoom" ? "lens zoom" : "images video"));
   }
   if (!settings.range.is_all() && is_tracks_file(settings.input)) {
     return bad_input(fmt::format("--from, --to: allowed with images only, {} holds tracks", settings.input));
@@ -120,7 +129,7 @@ double reached_share(const Result<UncalibratedReconstruction>& found) {
   return found ? posed_share(*found) : 0;
 }
 
-void warn(const EventSink& event, SolveResult* solved) {
+void warn_of_lens(const EventSink& event, SolveResult* solved) {
   const SolveResult& result = *solved;
   if (!result.report.lens->zooming && !result.reconstruction.lenses.empty()) {
     std::string wide = wide_lens_warning(result.reconstruction.lenses[0].camera);
@@ -133,6 +142,11 @@ void warn(const EventSink& event, SolveResult* solved) {
          fmt::format("the focal lengths are not determined by these images: {}",
                      result.report.lens->degenerate));
   }
+}
+
+void warn(const EventSink& event, SolveResult* solved) {
+  const SolveResult& result = *solved;
+  if (result.report.lens) warn_of_lens(event, solved);
   const size_t frames = result.reconstruction.frames.size();
   const size_t lost = frames - posed_count(result.reconstruction);
   if (lost > 0) {
@@ -143,8 +157,10 @@ void warn(const EventSink& event, SolveResult* solved) {
 void set_times(Clock::time_point start, double read_s, SolveResult* result) {
   Report& report = result->report;
   report.wall_s = milliseconds_since(start) / 1000.0;
-  report.adjustment->read_s = read_s;
-  report.adjustment->solve_s = report.wall_s - read_s;
+  if (report.adjustment) {
+    report.adjustment->read_s = read_s;
+    report.adjustment->solve_s = report.wall_s - read_s;
+  }
   report.frames_per_second = static_cast<double>(result->reconstruction.frames.size()) / report.wall_s;
   report.peak_rss_mib = peak_rss_mib();
 }
@@ -201,10 +217,42 @@ Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& 
   return {};
 }
 
+// Tracks of a camera that is given, which tells the size of the images.
+Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  Result<Camera> camera = known_camera(settings, nullptr, callbacks.event);
+  if (!camera) return camera.error();
+  SolveSettings sized = settings;
+  if (sized.size.empty() && camera->width > 0)
+    sized.size = fmt::format("{}x{}", camera->width, camera->height);
+  Result<SolveInput> input = tracks_from_file(sized, callbacks);
+  if (!input) return input;
+  const Eigen::Vector2i size = input->tracks.image_size.cast<int>();
+  if (camera->width > 0 && Eigen::Vector2i(camera->width, camera->height) != size) {
+    return bad_input(fmt::format("--size = '{}': {} is for images of {}x{}", sized.size, settings.camera,
+                                 camera->width, camera->height));
+  }
+  camera->width = size.x(), camera->height = size.y();
+  input->camera = *std::move(camera);
+  return input;
+}
+
+// Photos, or tracks in a file, of a camera that is given.
+Result<SolveResult> solve_known(const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  const Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_of_camera(settings, callbacks)
+                                                                  : tracks_from_photos(settings, callbacks);
+  if (!input) return input.error();
+  return solve_with_camera(*input, settings, callbacks);
+}
+
 }  // namespace
 
 std::vector<SettingField> setting_fields(SolveSettings& s) {
   return {
+      {"camera",
+       "file of the camera that took all of the photos, any model with one viewpoint; without it the lens is "
+       "found",
+       &s.camera,
+       {}},
       {"lens", "whether the lens zooms; auto lets the images decide", &s.lens, {"auto", "fixed", "zoom"}},
       {"distortion",
        "radial distortion of the lens; auto estimates it and keeps it where it is sure",
@@ -242,6 +290,13 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   const Clock::time_point start = Clock::now();
   if (auto r = validate(settings); !r) return r.error();
   const SolveCallbacks once = callbacks.ready_once();
+  if (!settings.camera.empty()) {
+    Result<SolveResult> result = solve_known(settings, once);
+    if (!result) return result;
+    warn(callbacks.event, &*result);
+    set_times(start, 0, &*result);
+    return result;
+  }
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;

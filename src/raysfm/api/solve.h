@@ -16,6 +16,7 @@ namespace raysfm {
 // What `raysfm solve` is told. Field names are those of the command line and of --config.
 struct SolveSettings {
   std::string input;                // video, image folder or pattern, sequence folder, or CSV of point tracks
+  std::string camera;               // file of the one camera that took all images; empty: the lens is unknown
   std::string lens = "auto";        // "auto", "fixed" or "zoom"
   std::string distortion = "auto";  // "auto", "none" or "radial"
   std::string method = "polished";  // "intrinsics-free", "standard" or "polished"
@@ -38,15 +39,16 @@ std::vector<SettingField> setting_fields(SolveSettings& settings);
 // are done, and of how many; -1: unknown.
 using SolveCallbacks = Callbacks<const char*, int, int>;
 
-// What `solve` gives: structure, motion and lenses (Origin::kSolve). There is one world, the camera of the
-// first frame with a pose, its scale arbitrary, unless it is given by known structure: `metric_scale` then
-// means its unit.
+// What `solve` gives: structure, motion and lenses (Origin::kSolve), or the camera that was given
+// (Origin::kTrack). There is one world, the camera of the first frame with a pose, its scale arbitrary,
+// unless it is given by known structure: `metric_scale` then means its unit.
 struct SolveResult {
   Reconstruction reconstruction;
-  Report report;  // with `lens` and `adjustment`
+  Report report;  // with `lens` and `adjustment`, where no camera was given
 };
 
-// Unknown or zooming lens (IFBA01). Errors: bad input; no reconstruction with the reason.
+// Unknown or zooming lens (IFBA01), or photos of a known camera. Errors: bad input; no reconstruction with
+// the reason.
 Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 // Whether writing the results into `folder` would leave the input alone; else bad input.

@@ -2,10 +2,12 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "raysfm/api/solve.h"
+#include "raysfm/camera/camera.h"
 #include "raysfm/lenses/point_tracks.h"
 #include "raysfm/photos/track_bridges.h"
 
@@ -14,6 +16,7 @@ namespace raysfm {
 // Point tracks over all frames of an input.
 struct SolveInput {
   PointTracks tracks;                       // image: index into the vectors below
+  std::optional<Camera> camera;             // that took all images, where it is given
   std::vector<double> timestamps;           // strictly increasing
   std::vector<std::string> names;           // of the images
   std::vector<std::string> defects;         // why an image shows nothing, else ""; empty: none has one

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <optional>
 
+#include "raysfm/api/known_camera.h"
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/core/median.h"
 #include "raysfm/core/timer.h"
@@ -91,7 +92,8 @@ void settle_size(SolveInput* input) {
 }
 
 // Points of all photos that are one, by the pairs that are worth a comparison.
-Merger joined_points(const Photos& photos, const SolveSettings& settings, const std::atomic<bool>* stop,
+Merger joined_points(const Photos& photos, const Camera* camera, const SolveSettings& settings,
+                     const std::atomic<bool>* stop,
                      std::vector<std::pair<std::string, StageTiming>>* stages) {
   ThreadPool pool(thread_count(settings.threads) - 1);
   StageTiming retrieve, compare;
@@ -101,7 +103,7 @@ Merger joined_points(const Photos& photos, const SolveSettings& settings, const 
   }();
   const auto same = [&] {
     const ScopedTimer timer(compare);
-    return compare_pairs(*photos.features, pairs, settings.max_error, settings.seed, stop, &pool);
+    return compare_pairs(*photos.features, pairs, camera, settings.max_error, settings.seed, stop, &pool);
   }();
   Merger merger(static_cast<int>(photos.rgb.size()));
   for (size_t i = 0; i < pairs.size(); ++i) {
@@ -235,16 +237,24 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
   }
   SolveInput input;
   input.in_order = false;
+  if (!settings.camera.empty()) {
+    Result<Camera> camera = known_camera(settings, &*opened, callbacks.event);
+    if (!camera) return camera.error();
+    input.camera = *std::move(camera);
+  }
   Photos photos;
   Result<std::unique_ptr<PhotoFeatures>> features = make_photo_features();
   if (!features) return features.error();
   photos.features = *std::move(features);
-  opened->streams[0]->allow_any_size();
+  if (!input.camera) opened->streams[0]->allow_any_size();
   if (auto r = read_photos(*opened->streams[0], callbacks.stop, &photos, &input); !r) return r.error();
   settle_size(&input);
-  input.exif = lenses_by_exif(photos.taken);
-  tell_exif(input.exif, callbacks.event);
-  Merger merger = joined_points(photos, settings, callbacks.stop, &input.stages);
+  if (!input.camera) {
+    input.exif = lenses_by_exif(photos.taken);
+    tell_exif(input.exif, callbacks.event);
+  }
+  Merger merger =
+      joined_points(photos, input.camera ? &*input.camera : nullptr, settings, callbacks.stop, &input.stages);
   input.interrupted = input.interrupted || callbacks.stopped();
   collect_tracks(photos, &merger, &input);
   return input;

@@ -4,6 +4,7 @@
 
 #include "raysfm/places/place_index.h"
 #include "raysfm/projective/view_pair.h"
+#include "raysfm/robust/essential_ransac.h"
 
 namespace raysfm {
 namespace {
@@ -21,6 +22,37 @@ std::vector<std::pair<int, int>> all_pairs(int photos) {
   return pairs;
 }
 
+uint64_t stream_of(int a, int b) {
+  return (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
+}
+
+// Of one central camera.
+SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, const Camera& camera,
+                                  double max_error_px, uint64_t seed) {
+  SamePoints found;
+  std::vector<Eigen::Vector3d> bearings[2];
+  for (const std::pair<int, int>& match : features.match(a, b)) {
+    Ray in_a, in_b;
+    if (!camera.ray(features.pixels(a)[match.first], &in_a) ||
+        !camera.ray(features.pixels(b)[match.second], &in_b)) {
+      continue;
+    }
+    found.push_back(match);
+    bearings[0].push_back(in_a.direction);
+    bearings[1].push_back(in_b.direction);
+  }
+  EssentialRansac estimator(bearings[0], bearings[1], max_error_px / camera.pixels_per_radian());
+  Eigen::Matrix3d essential;
+  const RansacReport report = ransac(
+      estimator, {.max_iterations = kPairSamples, .seed = seed, .stream = stream_of(a, b)}, &essential);
+  if (!report.found() || report.score.inliers < kMinPairInliers) return {};
+  SamePoints same;
+  for (int i = 0; i < estimator.size(); ++i) {
+    if (estimator.is_inlier(essential, i)) same.push_back(found[i]);
+  }
+  return same;
+}
+
 SamePoints same_points(const PhotoFeatures& features, int a, int b, double max_error_px, uint64_t seed) {
   const std::vector<std::pair<int, int>> found = features.match(a, b);
   PairMatches matches;
@@ -30,8 +62,7 @@ SamePoints same_points(const PhotoFeatures& features, int a, int b, double max_e
     matches.b.push_back(features.pixels(b)[found[i].second]);
   }
   ViewPair pair;
-  const uint64_t stream = (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
-  if (!fundamental_ransac(matches, max_error_px, kPairSamples, seed, stream, &pair)) return {};
+  if (!fundamental_ransac(matches, max_error_px, kPairSamples, seed, stream_of(a, b), &pair)) return {};
   if (pair.inliers < kMinPairInliers) return {};
   SamePoints same;
   for (size_t i = 0; i < pair.inlier.size(); ++i) {
@@ -65,12 +96,15 @@ std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features,
 }
 
 std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
-                                      const std::vector<std::pair<int, int>>& pairs, double max_error_px,
-                                      uint64_t seed, const std::atomic<bool>* stop, ThreadPool* pool) {
+                                      const std::vector<std::pair<int, int>>& pairs, const Camera* camera,
+                                      double max_error_px, uint64_t seed, const std::atomic<bool>* stop,
+                                      ThreadPool* pool) {
   std::vector<SamePoints> same(pairs.size());
   pool->parallel_for(static_cast<int>(pairs.size()), [&](int i) {
     if (stop && stop->load()) return;
-    same[i] = same_points(features, pairs[i].first, pairs[i].second, max_error_px, seed);
+    const auto [a, b] = pairs[i];
+    same[i] = camera ? same_points_along_rays(features, a, b, *camera, max_error_px, seed)
+                     : same_points(features, a, b, max_error_px, seed);
   });
   return same;
 }

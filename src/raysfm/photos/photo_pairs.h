@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "raysfm/camera/camera.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/matching/photo_features.h"
 
@@ -21,10 +22,12 @@ std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features,
 // there is no such geometry.
 using SamePoints = std::vector<std::pair<int, int>>;
 
-// Compares the pairs; one answer each, the same on any number of threads. `stop`: set or null; the rest is
-// empty then.
+// Compares the pairs; one answer each, the same on any number of threads. `camera`: the central one that all
+// photos were taken with, which makes it a matter of rays, or null. `stop`: set or null; the rest is empty
+// then.
 std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
-                                      const std::vector<std::pair<int, int>>& pairs, double max_error_px,
-                                      uint64_t seed, const std::atomic<bool>* stop, ThreadPool* pool);
+                                      const std::vector<std::pair<int, int>>& pairs, const Camera* camera,
+                                      double max_error_px, uint64_t seed, const std::atomic<bool>* stop,
+                                      ThreadPool* pool);
 
 }  // namespace raysfm

@@ -74,7 +74,7 @@ TEST(PhotoPairs, AreNotComparedOnceAskedToStop) {
   const CircleOfPhotos photos(10);
   ThreadPool pool(0);
   const std::atomic<bool> stop = true;
-  const auto same = compare_pairs(photos, pairs_to_compare(photos, &pool), 3, 0, &stop, &pool);
+  const auto same = compare_pairs(photos, pairs_to_compare(photos, &pool), nullptr, 3, 0, &stop, &pool);
   EXPECT_EQ(same.size(), 45u);
   EXPECT_TRUE(std::ranges::all_of(same, [](const SamePoints& s) { return s.empty(); }));
 }

@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/calibration/calibration_evidence.h"
 #include "raysfm/camera/model_check.h"
 #include "raysfm/geometry/triangulation.h"
+#include "raysfm/ray_lenses/threes_in_sight.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/robust/three_view_start.h"
 
@@ -22,14 +24,26 @@ using Kind = RigParameters::Kind;
 // Of the first image of a start, the points that the last one sees as well: at least so many, and this part.
 constexpr int kLeastShared = 50;
 constexpr double kSharedByStart = 0.4;
-constexpr int kLeastSeen = 20;          // points by which an image is posed
-constexpr double kLeastAgreeing = 0.5;  // part of them
-constexpr double kLeastParallax = 6;    // of a point, pixels
-constexpr int kFewImages = 5;           // that tell no lens yet
-constexpr int kRounds = 12;             // of lens and scene in turn, at most
-constexpr double kSmallStep = 0.005;    // of a lens, in standard deviations of the guess
-constexpr double kFewNew = 0.25;        // images after which all is adjusted, as a part of those posed
-constexpr int kIterations = 10;         // of each adjustment
+// What poses an image: points that agree, and which part of all that it sees.
+struct Agreement {
+  int points;
+  double part;
+};
+constexpr Agreement kInVideo[] = {{20, 0.5}};
+// Matches of photos reach far and are wrong more often: what is posed by fewer comes last.
+constexpr Agreement kInPhotos[] = {{20, 0.5}, {15, 0.3}};
+// Part of the observations of a photo, of points that others see as well, below which its pose is no good:
+// they are 0.5 to 1 of right poses and 0.08 to 0.45 of wrong ones.
+constexpr double kDoubtful = 0.45;
+constexpr int kTimesDropped = 2;  // after which a photo stays out
+constexpr int kStarts = 4;        // of photos, while they lead to no more than most of them
+constexpr double kMost = 0.8;
+constexpr double kLeastParallax = 6;  // of a point, pixels
+constexpr int kFewImages = 5;         // that tell no lens yet
+constexpr int kRounds = 12;           // of lens and scene in turn, at most
+constexpr double kSmallStep = 0.005;  // of a lens, in standard deviations of the guess
+constexpr double kFewNew = 0.25;      // images after which all is adjusted, as a part of those posed
+constexpr int kIterations = 10;       // of each adjustment
 const RobustLoss kRayLoss{RobustLoss::Kind::kHuber, 0.5};
 // How far off the guess may be: a coefficient of the model by what moves the rim of the image by this part;
 // pixels are taken to be square.
@@ -63,19 +77,29 @@ class RayGrowth {
  public:
   RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOptions& options);
 
-  bool start();
-  void grow();
-  void settle();
+  // `avoided`: images that a start is to leave alone, one each.
+  bool start(std::span<const uint8_t> avoided);
+  void complete();
   void take_sigma();
   RayReconstruction& result() { return r_; }
 
  private:
+  void grow();
+  void settle();
+  bool drop_doubtful();
+  double agreeing_part(int image) const;
+  std::span<const Agreement> agreements() const {
+    return options_.in_order ? std::span<const Agreement>(kInVideo) : kInPhotos;
+  }
   Eigen::VectorXd guess_sigma() const;
   double effect_on_rim(int parameter, const Eigen::Vector3d& rim) const;
   Eigen::Vector3d direction_of_rim() const;
   void cast_rays();
-  bool start_at(int first);
+  bool start_along_video();
+  bool start_anywhere(std::span<const uint8_t> avoided);
   int last_of_start(int first) const;
+  ThreeViewStart three_view_start(const std::array<int, 3>& images, std::vector<int>* points) const;
+  void take(const std::array<int, 3>& images, const ThreeViewStart& start, std::span<const int> points);
   int next_image() const;
   bool pose(int image);
   void place_points();
@@ -83,6 +107,7 @@ class RayGrowth {
   void adjust();
   double step_lens();
   bool try_lens(const Eigen::VectorXd& values);
+  bool place(std::vector<Ray>* rays, Eigen::Vector3d* point) const;
   bool stopped() const { return options_.stopped && options_.stopped(); }
 
   const PointTracks& tracks_;
@@ -92,6 +117,8 @@ class RayGrowth {
   std::vector<std::vector<int>> of_image_, of_point_;  // observations
   Eigen::VectorXd values_, sigma_;                     // of the parameters: present, and of the guess
   std::vector<uint8_t> has_ray_, tried_;
+  size_t agreement_ = 0;              // the one of agreements() that images are posed by at present
+  std::vector<int> dropped_;          // how often each image was
   std::vector<Eigen::Vector3d> ray_;  // one per observation
   BundleAdjuster adjuster_;
   PoseEstimator estimator_;
@@ -110,6 +137,7 @@ RayGrowth::RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOp
   r_.image_posed.assign(tracks.image_count, 0);
   r_.point_placed.assign(tracks.point_count, 0);
   r_.inlier.assign(tracks.size(), 0);
+  dropped_.assign(tracks.image_count, 0);
   for (double* s : {&r_.sigma.focal, &r_.sigma.centre, &r_.sigma.rim})
     *s = std::numeric_limits<double>::infinity();
   for (int k = 0; k < tracks.size(); ++k) {
@@ -178,10 +206,8 @@ int RayGrowth::last_of_start(int first) const {
   return last < tracks_.image_count ? last : -1;
 }
 
-bool RayGrowth::start_at(int first) {
-  const int last = last_of_start(first);
-  if (last < 0) return false;
-  const int images[3] = {first, (first + last) / 2, last};
+// Of three images, the first and the last of which are the farthest apart; `points`: what they see in common.
+ThreeViewStart RayGrowth::three_view_start(const std::array<int, 3>& images, std::vector<int>* points) const {
   std::vector<int> seen[2];
   for (int v = 0; v < 2; ++v) {
     seen[v].assign(tracks_.point_count, -1);
@@ -190,11 +216,11 @@ bool RayGrowth::start_at(int first) {
     }
   }
   std::vector<Eigen::Vector3d> bearings[3];
-  std::vector<int> points;
-  for (const int k : of_image_[last]) {
+  points->clear();
+  for (const int k : of_image_[images[2]]) {
     const int point = tracks_.point[k];
     if (!has_ray_[k] || seen[0][point] < 0 || seen[1][point] < 0) continue;
-    points.push_back(point);
+    points->push_back(point);
     bearings[0].push_back(ray_[seen[0][point]]);
     bearings[1].push_back(ray_[seen[1][point]]);
     bearings[2].push_back(ray_[k]);
@@ -202,36 +228,73 @@ bool RayGrowth::start_at(int first) {
   ThreeViewOptions options;
   options.max_error = options_.max_error_px / r_.camera.pixels_per_radian();
   options.seed = options_.seed;
-  options.stream = static_cast<uint64_t>(first);
-  const ThreeViewStart s = start_from_three_views(bearings[0], bearings[1], bearings[2], options);
-  if (!s.ok()) return false;
-  const Rigid3 cam_from_first[3] = {Rigid3{}, s.cam1_from_cam0, s.cam2_from_cam0};
+  options.stream = static_cast<uint64_t>(images[0]);
+  return start_from_three_views(bearings[0], bearings[1], bearings[2], options);
+}
+
+void RayGrowth::take(const std::array<int, 3>& images, const ThreeViewStart& start,
+                     std::span<const int> points) {
+  const Rigid3 cam_from_first[3] = {Rigid3{}, start.cam1_from_cam0, start.cam2_from_cam0};
   for (int v = 0; v < 3; ++v) {
     r_.cam_from_world[images[v]] = cam_from_first[v];
     r_.image_posed[images[v]] = 1;
   }
   for (size_t i = 0; i < points.size(); ++i) {
-    r_.points[points[i]] = s.points_in_cam0[i];
-    r_.point_placed[points[i]] = s.inlier[i];
+    r_.points[points[i]] = start.points_in_cam0[i];
+    r_.point_placed[points[i]] = start.inlier[i];
   }
   r_.posed = 3;
+  r_.start_images = images;
+  r_.start_inliers = start.inlier_count;
   adjust();
-  return true;
 }
 
-bool RayGrowth::start() {
+bool RayGrowth::start_along_video() {
   constexpr int kEighths[] = {0, 2, 4, 6, 1, 3, 5};
+  std::vector<int> points;
   for (const int e : kEighths) {
-    if (start_at(e * tracks_.image_count / 8)) return true;
+    const int first = e * tracks_.image_count / 8, last = last_of_start(first);
+    if (last < 0) continue;
+    const std::array<int, 3> images = {first, (first + last) / 2, last};
+    const ThreeViewStart start = three_view_start(images, &points);
+    if (!start.ok()) continue;
+    take(images, start, points);
+    return true;
   }
   return false;
 }
 
+// Of many threes of images that see much in common, the one that tells most points well.
+bool RayGrowth::start_anywhere(std::span<const uint8_t> avoided) {
+  constexpr double kGoodParallax = 0.15;  // radians; more makes a start no better
+  double best = 0;
+  std::array<int, 3> best_images = {};
+  ThreeViewStart best_start;
+  std::vector<int> points, best_points;
+  for (const std::array<int, 3>& images : threes_in_sight(tracks_, of_image_)) {
+    if (stopped()) break;
+    if (std::ranges::any_of(images, [&](int j) { return avoided[j] != 0; })) continue;
+    ThreeViewStart start = three_view_start(images, &points);
+    const double worth = start.inlier_count * std::min(1.0, start.median_parallax / kGoodParallax);
+    if (!start.ok() || worth <= best) continue;
+    best = worth;
+    best_images = images;
+    best_start = std::move(start);
+    best_points = points;
+  }
+  if (best > 0) take(best_images, best_start, best_points);
+  return best > 0;
+}
+
+bool RayGrowth::start(std::span<const uint8_t> avoided) {
+  return options_.in_order ? start_along_video() : start_anywhere(avoided);
+}
+
 // The one that sees most placed points of those that were not tried, -1: none sees enough.
 int RayGrowth::next_image() const {
-  int best = -1, most = kLeastSeen - 1;
+  int best = -1, most = agreements()[agreement_].points - 1;
   for (int j = 0; j < tracks_.image_count; ++j) {
-    if (r_.image_posed[j] || tried_[j]) continue;
+    if (r_.image_posed[j] || tried_[j] || dropped_[j] >= kTimesDropped) continue;
     const auto seen =
         std::ranges::count_if(of_image_[j], [&](int k) { return r_.point_placed[tracks_.point[k]] != 0; });
     if (seen > most) most = static_cast<int>(seen), best = j;
@@ -249,18 +312,19 @@ bool RayGrowth::pose(int image) {
     pixels.push_back(tracks_.pixel[k]);
   }
   int nearest = -1;
-  for (int j = 0; j < tracks_.image_count; ++j) {
+  for (int j = 0; options_.in_order && j < tracks_.image_count; ++j) {
     if (r_.image_posed[j] && (nearest < 0 || std::abs(j - image) < std::abs(nearest - image))) nearest = j;
   }
   PoseOptions options;
   options.max_error_px = options_.max_error_px;
+  const Agreement& enough = agreements()[agreement_];
   options.min_inliers =
-      std::max(kLeastSeen, static_cast<int>(kLeastAgreeing * static_cast<double>(points.size())));
+      std::max(enough.points, static_cast<int>(enough.part * static_cast<double>(points.size())));
   options.seed = options_.seed;
   options.stream = static_cast<uint64_t>(image);
   PoseEstimate found;
   estimator_.estimate(Rig{{r_.camera}}, {.points_in_world = points, .pixels = pixels},
-                      &r_.cam_from_world[nearest], options, &found);
+                      nearest < 0 ? nullptr : &r_.cam_from_world[nearest], options, &found);
   if (!found.ok()) return false;
   r_.cam_from_world[image] = found.rig_from_world;
   r_.image_posed[image] = 1;
@@ -268,10 +332,29 @@ bool RayGrowth::pose(int image) {
   return true;
 }
 
+// Where rays meet. Of photos, up to half of them may be wrong, those that miss it the most, as long as three
+// are left.
+bool RayGrowth::place(std::vector<Ray>* rays, Eigen::Vector3d* point) const {
+  const double pixels_per_radian = r_.camera.pixels_per_radian();
+  const size_t enough = options_.in_order ? rays->size() : std::max<size_t>(3, (rays->size() + 1) / 2);
+  Triangulation t;
+  for (;;) {
+    if (rays->size() < 2 || !triangulate(*rays, &t)) return false;
+    if (t.max_angle * pixels_per_radian <= options_.max_error_px) break;
+    if (rays->size() <= enough) return false;
+    const auto cosine = [&](const Ray& ray) {
+      return ray.direction.dot((t.point - ray.origin).normalized());
+    };
+    rays->erase(std::ranges::min_element(*rays, {}, cosine));
+  }
+  if (t.parallax * pixels_per_radian < kLeastParallax) return false;
+  *point = t.point;
+  return true;
+}
+
 // Of those that have no place.
 void RayGrowth::place_points() {
   cast_rays();
-  const double pixels_per_radian = r_.camera.pixels_per_radian();
   std::vector<Ray> rays;
   for (int p = 0; p < tracks_.point_count; ++p) {
     if (r_.point_placed[p]) continue;
@@ -281,13 +364,7 @@ void RayGrowth::place_points() {
       const Rigid3 world_from_cam = r_.cam_from_world[tracks_.image[k]].inverse();
       rays.push_back({world_from_cam.translation, world_from_cam.rotation * ray_[k]});
     }
-    Triangulation t;
-    if (rays.size() < 2 || !triangulate(rays, &t)) continue;
-    if (t.max_angle * pixels_per_radian > options_.max_error_px ||
-        t.parallax * pixels_per_radian < kLeastParallax)
-      continue;
-    r_.points[p] = t.point;
-    r_.point_placed[p] = 1;
+    if (place(&rays, &r_.points[p])) r_.point_placed[p] = 1;
   }
 }
 
@@ -362,6 +439,7 @@ bool RayGrowth::try_lens(const Eigen::VectorXd& values) {
 // guess.
 double RayGrowth::step_lens() {
   constexpr int kHalvings = 5;
+  if (options_.is_known) return 0;
   ProblemPart part = this->part();
   const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
   if (!evidence) return 0;
@@ -382,23 +460,77 @@ double RayGrowth::step_lens() {
 // Poses the images that can be, adjusting all as they come.
 void RayGrowth::grow() {
   tried_.assign(tracks_.image_count, 0);
+  agreement_ = 0;
   place_points();
   adjust();
   int fresh = 0;  // images
   while (r_.posed < tracks_.image_count && !stopped()) {
     const int image = next_image();
-    if (image < 0 && fresh == 0) return;
+    if (image < 0 && fresh == 0) {
+      if (++agreement_ == agreements().size()) return;
+      tried_.assign(tracks_.image_count, 0);
+      continue;
+    }
     if (image >= 0) fresh += pose(image);
     if (image >= 0 && fresh < std::max(2.0, kFewNew * r_.posed)) continue;
     place_points();
     adjust();
-    if (r_.posed >= kFewImages) {
+    if (r_.posed >= kFewImages && !options_.is_known) {
       step_lens();
       adjust();
     }
     tried_.assign(tracks_.image_count, 0);
+    agreement_ = 0;
     fresh = 0;
   }
+}
+
+// Of the observations of an image, of points that other posed images see as well.
+double RayGrowth::agreeing_part(int image) const {
+  int all = 0, agreeing = 0;
+  for (const int k : of_image_[image]) {
+    const auto& seen = of_point_[tracks_.point[k]];
+    const auto posed =
+        std::ranges::count_if(seen, [&](int o) { return r_.image_posed[tracks_.image[o]] != 0; });
+    if (posed < 2) continue;
+    ++all;
+    agreeing += r_.inlier[k];
+  }
+  return all > 0 ? agreeing / double(all) : 0;
+}
+
+// Takes the poses of photos that few of their observations agree with, and the points that hang on them.
+bool RayGrowth::drop_doubtful() {
+  std::vector<int> doubtful;
+  for (int j = 0; j < tracks_.image_count; ++j) {
+    if (r_.image_posed[j] && agreeing_part(j) < kDoubtful) doubtful.push_back(j);
+  }
+  for (const int j : doubtful) {
+    r_.image_posed[j] = 0;
+    --r_.posed;
+    ++dropped_[j];
+    for (const int k : of_image_[j]) r_.inlier[k] = 0;
+  }
+  for (int p = 0; p < tracks_.point_count; ++p) {
+    const auto left = std::ranges::count_if(of_point_[p], [&](int k) { return r_.inlier[k] != 0; });
+    if (left >= 2) continue;
+    r_.point_placed[p] = 0;
+    for (const int k : of_point_[p]) r_.inlier[k] = 0;
+  }
+  return !doubtful.empty();
+}
+
+// Everything that can be posed from a start.
+void RayGrowth::complete() {
+  do {
+    // Images that the guess kept out may come in when the lens is known.
+    for (int posed = 0; r_.posed > posed;) {
+      posed = r_.posed;
+      grow();
+      settle();
+    }
+  } while (!options_.in_order && !stopped() && drop_doubtful());
+  if (r_.posed < 2) r_.posed = 0;
 }
 
 // Lens and scene in turn until the lens stays.
@@ -412,6 +544,7 @@ void RayGrowth::settle() {
 }
 
 void RayGrowth::take_sigma() {
+  if (options_.is_known) return;
   ProblemPart part = this->part();
   const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
   if (!evidence) return;
@@ -443,16 +576,21 @@ void RayGrowth::take_sigma() {
 
 RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
                                          const RayOptions& options) {
-  RayGrowth growth(tracks, guess, options);
-  if (!growth.start()) return std::move(growth.result());
-  // Images that the guess kept out may come in when the lens is known.
-  for (int posed = 0; growth.result().posed > posed;) {
-    posed = growth.result().posed;
-    growth.grow();
-    growth.settle();
+  RayReconstruction best;
+  std::vector<uint8_t> seen(tracks.image_count, 0);  // by a reconstruction
+  for (int i = 0; i < (options.in_order ? 1 : kStarts); ++i) {
+    RayGrowth growth(tracks, guess, options);
+    const bool started = growth.start(seen);
+    if (started) {
+      growth.complete();
+      growth.take_sigma();
+    }
+    RayReconstruction& found = growth.result();
+    for (int j = 0; j < tracks.image_count; ++j) seen[j] |= found.image_posed[j];
+    if (i == 0 || found.posed > best.posed) best = std::move(found);
+    if (!started || best.posed >= kMost * tracks.image_count) break;
   }
-  growth.take_sigma();
-  return std::move(growth.result());
+  return best;
 }
 
 bool pixel_residual(const PointTracks& tracks, const RayReconstruction& r, int k, Eigen::Vector2d* residual) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <vector>
@@ -11,11 +12,13 @@
 
 namespace raysfm {
 
-// How tracks are reconstructed through a camera that is only guessed.
+// How tracks are reconstructed through a camera that is guessed, or known.
 struct RayOptions {
   double max_error_px = 3.0;  // of an inlier, > 0
   // Standard deviation of the principal point about the one guessed, as a share of the image's width, > 0.
   double centre_sigma = 0.03;
+  bool is_known = false;  // the camera is no guess: it stays as it is
+  bool in_order = true;   // of time; else images see one another in any order
   uint64_t seed = 0;
   int threads = 1;                          // > 0; never changes a result
   std::function<bool()> stopped = nullptr;  // asked now and then; true: ends early with what there is
@@ -34,13 +37,15 @@ struct RayReconstruction {
   std::vector<uint8_t> point_placed;    // one per point
   std::vector<uint8_t> inlier;          // one per observation
   int posed = 0;                        // images; 0: no three of them start a reconstruction
+  std::array<int, 3> start_images = {-1, -1, -1};
+  int start_inliers = 0;  // points that the three see
 };
 
-// Reconstructs the tracks of a video, images in the order of time, as seen along the rays of a central camera
-// that projects, and adjusts the numbers of its model as more is seen: three images are the start, the others
-// follow by the points that they share, and in between poses and points, then the camera by what the
-// residuals say of it. The guess may be wrong by half or twice the focal length: lenses that bend rays much
-// are told by few images.
+// Reconstructs the tracks of a video, images in the order of time, or of photos, as seen along the rays of a
+// central camera that projects, and where it is guessed adjusts the numbers of its model as more is seen:
+// three images are the start, the others follow by the points that they share, and in between poses and
+// points, then the camera by what the residuals say of it. The guess may be wrong by half or twice the focal
+// length: lenses that bend rays much are told by few images.
 RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
                                          const RayOptions& options);
 
