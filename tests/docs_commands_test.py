@@ -1,4 +1,4 @@
-"""Every command of README.md and docs/*.md is run: docs_commands_test.py PROGRAM [unittest arguments].
+"""Every command of README.md and docs/*.md is run, and their Python: docs_commands_test.py PROGRAM [unittest arguments].
 
 Each page has a folder of its own, with the files that its commands name (FILES), in which bash runs them one after the
 other as they are typed, but for what SHORTER takes from them and for what cannot be run here (NOT_RUN, with the reason).
@@ -52,6 +52,8 @@ NOT_RUN = {
     "python3 job.py tcp://head:8786": "it needs the machines of a scheduler; batch_test.py runs such a script on this one",
     "cmake -S . -B build": "it made what is tested here",
 }
+# What the Python of a page takes for granted.
+PRELUDE = "import numpy\nimage, timestamp, use = numpy.zeros((240, 320), numpy.uint8), 0.0, print\n"
 # What a page takes for granted that another one tells.
 BEFORE = {
     "exports.md": ["raysfm track my_video.mp4 --out out/"],
@@ -124,6 +126,7 @@ def make_clone(folder):
     (folder / "build").mkdir()
     (folder / "build/raysfm").symlink_to(built)
     (folder / "build/python").symlink_to(built.parent / "python")
+    (folder / "build/python3").symlink_to(PYTHON)
 
 
 def free_port():
@@ -207,12 +210,11 @@ class Commands(unittest.TestCase):
         if re.search(r" view (?!.*--html)", line):
             self.served(folder, line)
             return
-        python = next((text for kind, text in doc_pages.blocks(page) if kind == "python"), "") if line.endswith("python3") else ""
         before = {folder / name: newest(folder / name) for name in made_by(line)}
-        told = self.done(folder, line, python)
+        told = self.done(folder, line)
         for path, time_before in before.items():
             self.assertGreater(newest(path), time_before, f"{line}: {path.name} was not written")
-        self.assertTrue(told or made_by(line) or python, f"{line} told nothing and made nothing")
+        self.assertTrue(told or made_by(line) or line.endswith("python3"), f"{line} told nothing and made nothing")
         if known[1] == "raysfm track my_video.mp4 --out out/":
             self.KEPT[known] = shutil.copytree(folder / "out", self.results / str(len(self.KEPT)))
 
@@ -224,7 +226,7 @@ class Commands(unittest.TestCase):
             return "no shared data"
         if re.search(r" view |--view", line) and not (folder / "out/report.html").exists():
             return "this build has no page"
-        if line.startswith("PYTHONPATH") and not list((folder / "build/python/raysfm").glob("*.so")):
+        if "raysfm" in line and "python3" in line and not list((folder / "build/python/raysfm").glob("*.so")):
             return "this build has no Python package"
         return "no blender" if "blender --python" in line and not shutil.which("blender") else None
 
@@ -245,6 +247,11 @@ class Commands(unittest.TestCase):
                 print(f"{page.name}: not run: {line}: {reason}")
                 continue
             self.carried_out(page, folder, line)
+        for kind, text in doc_pages.blocks(page):
+            if kind == "python" and (reason := self.missing(page, folder, f"python3: {text}")):
+                print(f"{page.name}: not run: Python: {reason}")
+            elif kind == "python":
+                self.done(folder, "PYTHONPATH=build/python python3 -", PRELUDE + text)
         print(f"{page.name}: {len(lines)} commands, {time.monotonic() - begin:.1f} s")
 
 

@@ -2,6 +2,7 @@
 import json
 import pathlib
 import re
+import shutil
 import subprocess
 import tempfile
 import unittest
@@ -14,6 +15,7 @@ from doc_pages import DOCS, PAGES, ROOT
 from program import run
 
 SOURCES = ROOT / "src/raysfm"
+EIGEN = pathlib.Path("/usr/include/eigen3")
 NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
 # Numbers in names, which no table has.
 NAMES = r"COLMAP 3\.8|Ceres 2\.1|OpenCV 4\.6|ORB-SLAM3|KITTI 07|Ladybug 49|\bk1\b"
@@ -76,6 +78,30 @@ class Links(unittest.TestCase):
                     self.assertIn(anchor, anchors, f"{page.name}: {target}")
                 checked += 1
         self.assertGreater(checked, 60)
+
+
+@unittest.skipUnless(shutil.which("c++") and EIGEN.exists(), "needs a compiler and Eigen")
+class Snippets(unittest.TestCase):
+    """The C++ of README compiles, in a function that has the names that it takes for granted."""
+
+    FRAME = """#include <string>
+int report(const std::string&);
+template <class... T> void use(const T&...);
+int run([[maybe_unused]] const raysfm::Rig& rig, [[maybe_unused]] const unsigned char* data, [[maybe_unused]] int width,
+        [[maybe_unused]] int height, [[maybe_unused]] int stride, [[maybe_unused]] double timestamp) {
+%s
+return 0; }
+"""
+
+    def test_they_compile(self):
+        found = [text for kind, text in doc_pages.blocks(ROOT / "README.md") if kind == "cpp"]
+        self.assertGreater(len(found), 1)
+        for text in found:
+            lines = text.splitlines(keepends=True)
+            code = "".join(l for l in lines if l.startswith("#")) + self.FRAME % "".join(l for l in lines if not l.startswith("#"))
+            done = subprocess.run(["c++", "-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-I{ROOT / 'src'}", f"-I{EIGEN}",
+                                   "-xc++", "-"], input=code, text=True, capture_output=True)
+            self.assertEqual((done.returncode, done.stderr), (0, ""), text)
 
 
 def keys(value, name=""):
