@@ -221,6 +221,17 @@ class Reasons(unittest.TestCase):
             pattern = re.compile(".+".join(re.escape(part) for part in parts))
             self.assertTrue(any(pattern.search(reason.replace("...", "7")) for reason in documented), f"not explained: '{template}'")
 
+    def test_motions_that_tell_no_lens(self):
+        """docs/solve.md has each, and the first half hour those that end a run."""
+        named = {file: re.findall(pattern, (SOURCES / file).read_text()) for file, pattern in
+                 (("projective/degeneracy.cpp", r'return "([a-z ]+)"'), ("projective/video_motion.cpp", r'return \{"([a-z ]+)"'),
+                  ("uncalibrated/known_structure.cpp", r'degenerate = "([a-z ]+)"'))}
+        self.assertTrue(all(named.values()), named)
+        for name in sum(named.values(), []):
+            self.assertIn(f"`{name}`", (DOCS / "solve.md").read_text())
+        for name in named["projective/video_motion.cpp"]:
+            self.assertIn(name, self.documented())
+
     def test_what_is_explained_is_there(self):
         text = "".join("".join(sources(room).values()) for room in (*self.ROOMS, "robust", "projective", "files", "uncalibrated"))
         documented = self.documented()
