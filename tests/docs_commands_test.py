@@ -24,7 +24,7 @@ import adjust_test
 import doc_pages
 import program
 import solve_test
-from doc_pages import DOCS, OURS, PAGES, ROOT
+from doc_pages import OURS, PAGES, ROOT
 from program import run
 
 SHARED = pathlib.Path(os.environ.get("RAYSFM_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -219,7 +219,7 @@ class Commands(unittest.TestCase):
         if re.fullmatch("raysfm (track|solve) my_video.mp4 --out out/", known[1]):
             self.KEPT[known] = shutil.copytree(folder / "out", self.results / str(len(self.KEPT)))
 
-    def missing(self, page, folder, line):
+    def missing(self, folder, line):
         """What is missing here for a command, or None."""
         if re.search(r"board\.mp4|left\*", line) and not BOARDS.exists():
             return "no shared data"
@@ -244,12 +244,12 @@ class Commands(unittest.TestCase):
         elif page.name == "first-half-hour.md":
             print(f"{page.name}: on a rendered film: no shared data")
         for line in itertools.chain(BEFORE.get(page.name, []), lines):
-            if reason := not_run(line) or self.missing(page, folder, line):
+            if reason := not_run(line) or self.missing(folder, line):
                 print(f"{page.name}: not run: {line}: {reason}")
                 continue
             self.carried_out(page, folder, line)
         for kind, text in doc_pages.blocks(page):
-            if kind == "python" and (reason := self.missing(page, folder, f"python3: {text}")):
+            if kind == "python" and (reason := self.missing(folder, f"python3: {text}")):
                 print(f"{page.name}: not run: Python: {reason}")
             elif kind == "python":
                 self.done(folder, "PYTHONPATH=build/python python3 -", PRELUDE + text)

@@ -184,7 +184,8 @@ class Reasons(unittest.TestCase):
     # Words that were set elsewhere. Of what is new here: where are its words, and are they in WORDS?
     HANDED_ON = {"view->defect", "frame.defect", "defect()", "reason", "f.reason", "*reason", "waiting_reason()", "last_reason_",
                  "std::move(reason)", "active.end_reason", "frames_[view.frame].reason", "blindness(view)) frames_[view.frame].reason = *reason",
-                 "piece.segments[of_piece].reason", "std::ranges::find_if(frames, [](const InputFrame& frame) { return !frame.defect.empty()", "image ? odd_size(index, image->gray) : image.error().message",
+                 "piece.segments[of_piece].reason",
+                 "std::ranges::find_if(frames, [](const InputFrame& frame) { return !frame.defect.empty()", "image ? odd_size(index, image->gray) : image.error().message",
                  "defective ? input.defects[j] : reason_without_pose(seen[j], agreeing[j])"}
     # Functions whose words these are: file, name.
     WORDS = [("odometry/odometry.cpp", "waiting_reason"), ("views/blindness.cpp", "blindness"), ("api/solve_result.cpp", "reason_without_pose"),
