@@ -1,4 +1,5 @@
 """What the tests of the program share: running it, and files made on the fly."""
+import os
 import pathlib
 import subprocess
 import sys
@@ -11,7 +12,7 @@ PROGRAM = ""
 def main():
     """Runs the tests of the calling script: SCRIPT PROGRAM [unittest arguments]."""
     global PROGRAM
-    PROGRAM = sys.argv.pop(1)
+    PROGRAM = os.path.abspath(sys.argv.pop(1))  # tests run it in other folders
     unittest.main()
 
 
