@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "raysfm/api/find_lens.h"
-#include "raysfm/api/known_camera.h"
 #include "raysfm/api/solve_input.h"
 #include "raysfm/api/solve_photos.h"
 #include "raysfm/api/solve_result.h"
@@ -17,6 +16,7 @@
 #include "raysfm/core/timer.h"
 #include "raysfm/photos/photo_lenses.h"
 #include "raysfm/photos/photo_pairs.h"
+#include "raysfm/ray_lenses/ray_reconstruction.h"
 #include "raysfm/results/tracks_file.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/known_structure.h"
@@ -234,6 +234,26 @@ Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCa
   camera->width = size.x(), camera->height = size.y();
   input->camera = *std::move(camera);
   return input;
+}
+
+// Poses and map of the images of input.camera, adjusted together.
+Result<SolveResult> solve_with_camera(const SolveInput& input, const SolveSettings& settings,
+                                      const SolveCallbacks& callbacks) {
+  const RayOptions options{.max_error_px = settings.max_error,
+                           .is_known = true,
+                           .in_order = false,
+                           .seed = settings.seed,
+                           .threads = thread_count(settings.threads),
+                           .stopped = [&callbacks] { return callbacks.stopped(); }};
+  const RayReconstruction found = reconstruct_along_rays(input.tracks, *input.camera, options);
+  if (found.posed == 0) {
+    return no_reconstruction(
+        fmt::format("{}: no three of the {} images start a reconstruction: too few points in "
+                    "common, or too little parallax",
+                    settings.input, input.names.size()));
+  }
+  const bool interrupted = input.interrupted || callbacks.stopped();
+  return solve_result(input, found, settings, interrupted);
 }
 
 // Photos, or tracks in a file, of a camera that is given.

@@ -9,8 +9,9 @@
 #include <numeric>
 #include <optional>
 
-#include "raysfm/api/known_camera.h"
 #include "raysfm/api/solve_tracks.h"
+#include "raysfm/camera/camera_class.h"
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/core/median.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/frames/frame_source.h"
@@ -38,6 +39,10 @@ class Merger {
  private:
   std::vector<int> parent_;
 };
+
+Error refused(const SolveSettings& settings, const std::string& why) {
+  return bad_input(fmt::format("{}: {}; raysfm track takes a video of it", settings.camera, why));
+}
 
 // Features of all photos in one row.
 struct Photos {
@@ -196,6 +201,28 @@ std::string differing_sizes(const SolveSettings& settings) {
 }
 
 }  // namespace
+
+Result<Camera> known_camera(const SolveSettings& settings, const Input* opened, const EventSink& event) {
+  std::string note;
+  Result<Rig> rig = read_camera_file(settings.camera, &note);
+  if (!rig) return rig.error();
+  tell(event, Event::Level::kWarning, note);
+  if (rig->cameras.size() != 1) return refused(settings, fmt::format("{} cameras", rig->cameras.size()));
+  if (opened) {
+    rig = rig_for_streams(*std::move(rig), opened->streams, &note, true);
+    if (!rig) return bad_input(fmt::format("{}: {}", settings.camera, rig.error().message));
+  }
+  Camera camera = rig->cameras[0];
+  camera.rig_from_cam = Rigid3{};
+  camera.shutter = {};
+  if (camera.roi.w > 0) return refused(settings, "roi: the camera is a part of the image");
+  if (!camera.mask_path.empty()) {
+    tell(event, Event::Level::kWarning, fmt::format("{}: the mask is not used", settings.camera));
+  }
+  if (!camera.can_project()) return refused(settings, "the model cannot project");
+  if (camera_class(Rig{{camera}}) != CameraClass::kCentral) return refused(settings, "no single viewpoint");
+  return camera;
+}
 
 Result<SolveInput> tracks_from_images(const SolveSettings& settings, const SolveCallbacks& callbacks) {
   constexpr const char* kPhotos = "taken for photos, every one is compared with every other: ";

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "raysfm/api/solve_input.h"
+#include "raysfm/frames/frame_source.h"
 
 namespace raysfm {
 
@@ -15,8 +16,14 @@ inline constexpr int kFewImages = 40;
 // input.
 Result<SolveInput> tracks_from_images(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
+// The camera of settings.camera, fit for the images of `opened`, or of any size where that is null. Errors:
+// bad input, also of what is no single camera with one viewpoint that sees all of an image: of that, only
+// videos are understood.
+Result<Camera> known_camera(const SolveSettings& settings, const Input* opened, const EventSink& event);
+
 // Tracks of photos that may be taken from anywhere: matches of pairs that agree with a fundamental matrix, of
-// all pairs or, of many photos, of those that look alike. Errors: bad input.
+// all pairs or, of many photos, of those that look alike; of a known camera with an essential matrix, along
+// its rays. Errors: bad input.
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

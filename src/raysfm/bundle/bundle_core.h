@@ -83,7 +83,7 @@ class BundleCore {
   ObservationLayout layout_;
   SchurSystem<N> system_;
   State current_, trial_;
-  LargeArray<RayBlock> rays_;       // by block of lanes
+  LargeArray<RayBlock> rays_;         // by block of lanes
   ScratchArray<double> point_terms_;  // V and gp of each lane
   LargeArray<double> chunk_cost_;
   LargeArray<uint8_t> active_;   // by lane: an inlier that has a residual

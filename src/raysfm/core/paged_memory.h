@@ -79,6 +79,7 @@ struct ScratchAllocator : LargeAllocator<T> {
   }
 };
 
+// An array whose new elements hold anything: see set_size().
 template <typename T>
 using ScratchArray = std::vector<T, ScratchAllocator<T>>;
 
