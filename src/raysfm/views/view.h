@@ -62,6 +62,7 @@ struct View {
   std::string name;
   std::vector<CameraView> cameras;
   std::string defect;    // why an image cannot be used; empty: none. There are no cameras then
+  int same_as = -1;      // frame whose pictures it shows once more; it has no cameras then. -1: none
   double detect_ms = 0;  // that both steps took ahead of time
 
   bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
