@@ -42,14 +42,16 @@ FoundLens lens_of(const SynthViews& film, int times) {
   Input input;
   input.streams.push_back(std::make_unique<RepeatedFilm>(film, times));
   ZoomedStretch zoom;
-  Result<FoundLens> lens = find_lens({}, std::move(input), {}, &zoom);
+  TrackSettings settings;
+  settings.inputs = {"film"};
+  Result<FoundLens> lens = find_lens(settings, std::move(input), {}, &zoom);
   EXPECT_TRUE(lens) << (lens ? "" : lens.error().message);
   return lens ? *std::move(lens) : FoundLens();
 }
 
 // Not from a third of the pictures, nor as if there were three times as many.
 TEST(FindLens, AFilmThatRepeatsItsFramesTellsWhatItTellsWithout) {
-  const SynthViews film = synth_views("room", "walk", 240);
+  const SynthViews film = synth_views("room", "look", 240);
   const FoundLens once = lens_of(film, 1), again = lens_of(film, 3);
   EXPECT_EQ(again.origin.focal, once.origin.focal);
   EXPECT_EQ(again.origin.focal_sigma, once.origin.focal_sigma);

@@ -120,6 +120,7 @@ Result<FrameResult> Tracker::push(std::span<const PixelView> images, double time
   }
   std::vector<GrayView> grays;
   for (const Picture& picture : pictures) grays.push_back(picture.gray);
+  view->repeats = repeats_.repeats();
   view->same_as = repeats_.original_of(view->frame, grays);
   if (view->same_as < 0) maker_.look(std::move(pictures), view.get());
   return push(ViewPtr(std::move(view)));

@@ -50,13 +50,15 @@ const StageTiming& ViewStream::finish() {
 }
 
 // Asked for each frame in its turn, by one thread at a time.
-int ViewStream::original_of(const Frames& frames) {
+ViewStream::Showing ViewStream::showing(const Frames& frames) {
+  Showing shown{-1, repeats_.repeats()};
   std::vector<GrayView> pictures;
   for (const InputFrame& frame : frames) {
-    if (!frame.defect.empty()) return -1;
+    if (!frame.defect.empty()) return shown;
     pictures.push_back(frame.gray);
   }
-  return repeats_.original_of(frames[0].index, pictures);
+  shown.same_as = repeats_.original_of(frames[0].index, pictures);
+  return shown;
 }
 
 std::string ViewStream::note() const {
@@ -67,13 +69,14 @@ std::string ViewStream::note() const {
                             note.empty() ? "" : "; ", repeats_.repeats(), frames);
 }
 
-ViewStream::Item ViewStream::made(Frames frames, int same_as) const {
+ViewStream::Item ViewStream::made(Frames frames, const Showing& shown) const {
   auto view = std::make_shared<View>();
   view->frame = frames[0].index;
   view->timestamp = frames[0].timestamp;
   view->name = frames[0].name;
-  view->same_as = same_as;
-  if (same_as >= 0) return ViewPtr(std::move(view));
+  view->same_as = shown.same_as;
+  view->repeats = shown.repeats;
+  if (shown.same_as >= 0) return ViewPtr(std::move(view));
   std::vector<Picture> pictures;
   for (InputFrame& frame : frames) {
     if (view->defect.empty()) view->defect = frame.defect;
@@ -94,10 +97,10 @@ std::future<ViewStream::Item> ViewStream::read() {
   if (!frames) return ready<Item>(frames.error());
   if (frames->empty()) return ready<Item>(ViewPtr());
   decode_timing_.add(milliseconds_since(start));
-  const int same_as = original_of(*frames);
-  if (same_as >= 0) return ready<Item>(made(*std::move(frames), same_as));
+  const Showing shown = showing(*frames);
+  if (shown.same_as >= 0) return ready<Item>(made(*std::move(frames), shown));
   auto shared = std::make_shared<Frames>(std::move(*frames));
-  return pool_->submit([this, shared] { return made(std::move(*shared), -1); });
+  return pool_->submit([this, shared, shown] { return made(std::move(*shared), shown); });
 }
 
 void ViewStream::read_ahead(const std::stop_token& stop) {

@@ -58,8 +58,11 @@ class ViewStream {
   using Frames = std::vector<InputFrame>;  // one of each stream
 
   std::future<Item> read();
-  Item made(Frames frames, int same_as) const;
-  int original_of(const Frames& frames);
+  struct Showing {
+    int same_as = -1, repeats = 0;  // as in View
+  };
+  Item made(Frames frames, const Showing& shown) const;
+  Showing showing(const Frames& frames);
   void read_ahead(const std::stop_token& stop);
 
   FrameSetReader sources_;
