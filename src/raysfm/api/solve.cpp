@@ -75,6 +75,18 @@ Result<SolveInput> read_input(const SolveSettings& settings, const SolveCallback
   return tracks_from_images(settings, callbacks);
 }
 
+// Images that only repeat others have their poses and lenses.
+void pose_repeats(const SolveInput& input, UncalibratedReconstruction* found) {
+  for (int j = 0; j < static_cast<int>(input.names.size()); ++j) {
+    const int original = input.original(j);
+    if (original == j) continue;
+    found->image_posed[j] = found->image_posed[original];
+    found->scene.cam_from_world[j] = found->scene.cam_from_world[original];
+    found->scene.lenses[j] = found->scene.lenses[original];
+    if (!found->lens_sigma.empty()) found->lens_sigma[j] = found->lens_sigma[original];
+  }
+}
+
 // Photos may see one another in any order; images of a video see their neighbours.
 Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, const SolveSettings& settings,
                                                     SolveOptions options,
@@ -321,6 +333,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   if (!input) return input.error();
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
+  if (found) pose_repeats(*input, &*found);
   if (auto r = try_as_photos(settings, once, &*input, &found); !r) return r.error();
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};
   std::optional<SolveResult> tracked;

@@ -20,6 +20,8 @@ struct SolveInput {
   std::vector<double> timestamps;           // strictly increasing
   std::vector<std::string> names;           // of the images
   std::vector<std::string> defects;         // why an image shows nothing, else ""; empty: none has one
+  std::vector<int> same_as;                 // an image that shows the same and is seen in its place, else -1;
+                                            // empty: all show something else
   std::vector<ExifLens> exif;               // the lenses that photos name
   bool in_order = true;                     // an image sees what the one before sees
   std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
@@ -29,6 +31,11 @@ struct SolveInput {
   std::vector<Eigen::Vector3d> structure;   // known positions of the points; empty: unknown
   std::vector<std::pair<std::string, StageTiming>> stages;  // of reading, where they are told apart
   bool interrupted = false;                                 // ends where the caller asked to stop
+
+  // The image, or the one that stands for it.
+  int original(int image) const {
+    return same_as.empty() || same_as[image] < 0 ? image : same_as[image];
+  }
 
   // Images of different sizes are centred in one as large as the largest: what its pixels are ahead of those
   // of the image.

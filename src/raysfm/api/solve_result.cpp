@@ -84,14 +84,16 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
     frame.image_name = input.names[j];
     if (!found.image_posed[j]) {
       const bool defective = !input.defects.empty() && !input.defects[j].empty();
-      frame.reason = defective ? input.defects[j] : reason_without_pose(seen[j], agreeing[j]);
+      const int i = input.original(static_cast<int>(j));
+      frame.reason = defective ? input.defects[j] : reason_without_pose(seen[i], agreeing[i]);
       continue;
     }
     const Rigid3 cam_from_world = found.scene.cam_from_world[j] * found_from_world;
     frame.segment = 0;
     frame.world_from_rig = cam_from_world.inverse();
     // The upper triangle is what the file holds.
-    frame.covariance = covariance_in_world(cam_from_world, covariances[j]).selfadjointView<Eigen::Upper>();
+    frame.covariance = covariance_in_world(cam_from_world, covariances[input.original(static_cast<int>(j))])
+                           .selfadjointView<Eigen::Upper>();
     frame.lens = place_lens(input, found, static_cast<int>(j), &r->lenses);
   }
 }

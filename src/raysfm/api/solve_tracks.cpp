@@ -138,7 +138,10 @@ void TrackJoiner::add(const ViewPtr& view) {
   input_.names.push_back(view->name);
   input_.keyframe.push_back(0);
   input_.defects.push_back(view->defect);
-  if (!view->defect.empty()) return;
+  input_.same_as.push_back(view->same_as >= 0 ? newest_picture_ : -1);
+  if (!view->defect.empty() || view->same_as >= 0) return;
+  newest_picture_ = frames() - 1;
+  ++pictures_;
   const CameraView& camera = view->cameras[0];
   input_.tracks.image_size = {camera.width, camera.height};
   std::vector<Sighting> sightings(camera.features.size());

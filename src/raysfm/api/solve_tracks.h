@@ -21,9 +21,11 @@ namespace raysfm {
 // aligned with those of the key frame, and a corner of a key frame that belongs to no track begins one.
 class TrackJoiner {
  public:
-  // The next frame; views of one camera.
+  // The next frame; views of one camera. One that repeats another sees no tracks: that one counts for it.
   void add(const ViewPtr& view);
   int frames() const { return static_cast<int>(input_.names.size()); }
+  // Those that repeat no other.
+  int pictures() const { return pictures_; }
   int keyframes() const { return keyframes_; }
 
   // Tracks that two frames see, in the order in which they began.
@@ -47,7 +49,8 @@ class TrackJoiner {
   void describe(const CameraView& camera, const std::vector<Sighting>& sightings);
 
   SolveInput input_;
-  int keyframes_ = 0;
+  int keyframes_ = 0, pictures_ = 0;
+  int newest_picture_ = -1;        // the newest frame that repeats no other
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track
   CornerAligner aligner_;

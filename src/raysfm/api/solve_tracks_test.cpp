@@ -163,5 +163,28 @@ TEST(TrackReader, ReadsStretchByStretch) {
   }
 }
 
+TEST(TrackJoiner, AFrameThatRepeatsAnotherIsNoFurtherImage) {
+  TrackJoiner once, again;
+  for (int j = 0; j < 20; ++j) {
+    const Place place{1, {3.3 * j, -0.7 * j}};
+    once.add(textured_view(j, place));
+    again.add(textured_view(3 * j, place));
+    for (int k = 1; k < 3; ++k) {
+      auto copy = std::make_shared<View>();
+      copy->frame = 3 * j + k;
+      copy->same_as = 3 * j;
+      again.add(copy);
+    }
+  }
+  EXPECT_EQ(again.frames(), 60);
+  EXPECT_EQ(again.pictures(), 20);
+  const SolveInput a = once.finish(), b = again.finish();
+  ASSERT_EQ(b.names.size(), 60u);
+  EXPECT_EQ(a.tracks.pixel, b.tracks.pixel);
+  EXPECT_EQ(a.tracks.point, b.tracks.point);
+  for (int j = 0; j < 60; ++j) EXPECT_EQ(b.original(j), j / 3 * 3) << j;
+  for (int k = 0; k < a.tracks.size(); ++k) ASSERT_EQ(b.tracks.image[k], 3 * a.tracks.image[k]) << k;
+}
+
 }  // namespace
 }  // namespace raysfm

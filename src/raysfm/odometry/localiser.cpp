@@ -233,25 +233,25 @@ void Localiser::make_observations(const Map& map, const Rigid3& about) {
 }
 
 // Pose from the observations.
-bool Localiser::estimate(const Rigid3* prior, int frame, double max_error_px) {
+bool Localiser::estimate(const Rigid3* prior, uint64_t stream, double max_error_px) {
   ScopedTimer timer(pose_timing);
   estimator_.estimate(rig_.rig(), observations(), prior,
                       {.max_error_px = max_error_px,
                        .min_inliers = kMinInliers,
                        .seed = options_.seed,
-                       .stream = static_cast<uint64_t>(frame)},
+                       .stream = stream},
                       &estimate_);
   return estimate_.ok();
 }
 
-Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
-                                          const Rigid3& about) {
+Localisation Localiser::pose_from_matches(const Map& map, std::span<const TrackPixel> matches,
+                                          uint64_t stream, const Rigid3& about) {
   Localisation out;
   seen_.assign(matches.begin(), matches.end());
   make_observations(map, about);
   aligned_.clear();
   for (const int i : kept_) aligned_.push_back({matches[i], false});
-  out.ok = estimate(nullptr, frame, kCornerError);
+  out.ok = estimate(nullptr, stream, kCornerError);
   if (!out.ok) {
     out.reason = fmt::format("{} of {} corners agree on a pose", estimate_.inlier_count, points_.size());
     return out;
@@ -404,7 +404,7 @@ Localisation Localiser::localise(const Map& map, std::span<const KeyFrameView> v
     make_observations(map, predicted_rig_from_world);
   }
   Localisation out;
-  if (!estimate(&predicted_rig_from_world, view.frame, kCornerError)) {
+  if (!estimate(&predicted_rig_from_world, view.random_stream(), kCornerError)) {
     out.reason = fmt::format("{} of {} visible points matched, {} agree on a pose", corners_.size(),
                              queries_.size(), estimate_.inlier_count);
     return out;
@@ -423,7 +423,7 @@ Localisation Localiser::follow(const Map& map, std::span<const KeyFrameView> vie
       align_some(coarser, blurred ? kFirstPointsBlurred : kFirstPoints, map, views, local, view,
                  rig_from_world);
     }
-    const bool posed = estimate(&rig_from_world, view.frame, kAlignedError);
+    const bool posed = estimate(&rig_from_world, view.random_stream(), kAlignedError);
     // A blur that is wide in this octave gives a few poses by chance.
     if (posed && (!blurred || 2 * estimate_.inlier_count >= static_cast<int>(points_.size()))) {
       rig_from_world = estimate_.rig_from_world;

@@ -108,7 +108,8 @@ class Localiser {
 
   // Pose from matches that are corners still, with outliers among them; none where they do not determine it.
   // Says nothing of visible points. `about`: whereabouts, looked at with a rolling shutter alone.
-  Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, int frame,
+  // `stream`: of random numbers.
+  Localisation pose_from_matches(const Map& map, std::span<const TrackPixel> matches, uint64_t stream,
                                  const Rigid3& about = {});
 
   // The pose again, from the same matches and the present positions of the points. False, changing nothing,
@@ -126,7 +127,7 @@ class Localiser {
   void work_out_offsets(const Map& map, const Rigid3& about);
   void make_observations(const Map& map, const Rigid3& about);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
-  bool estimate(const Rigid3* prior, int frame, double max_error_px);
+  bool estimate(const Rigid3* prior, uint64_t stream, double max_error_px);
   void align_some(int coarser, int most, const Map& map, std::span<const KeyFrameView> views,
                   const LocalMap& local, const View& view, const Rigid3& rig_from_world);
   Localisation align_all(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,

@@ -28,6 +28,8 @@ struct Effort {
   int coarse_points;
 };
 constexpr Effort kNear{0.015f, 300}, kWide{0.04f, 600}, kBlind{0.12f, 1000};
+// Times the interval between two views before, for which nothing else may be seen while the rig moves.
+constexpr double kStandsAfter = 2.5;
 constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.3;    // of the visible points of the anchor
 constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth its time
@@ -124,7 +126,10 @@ FrameResult Odometry::process(ViewPtr view) {
   frames_.back().timestamp = view->timestamp;
   frames_.back().name = view->name;
   frames_.back().reason = view->defect;
-  if (!view->defect.empty()) return result_of(frame);
+  frames_.back().same_as = view->same_as;
+  frames_.back().rank = frame == 0 ? 0 : frames_[frame - 1].rank + (frames_[frame - 1].same_as < 0);
+  if (view->same_as >= 0) repeat(*view);
+  if (!view->defect.empty() || view->same_as >= 0) return result_of(frame);
   const double ahead_ms = view->detect_ms;
   detected_ms_ = 0;
   waiting_.push_back(std::move(view));
@@ -132,6 +137,16 @@ FrameResult Odometry::process(ViewPtr view) {
   detect_timing_.add(ahead_ms + detected_ms_);
   frame_timing_.add(ahead_ms + milliseconds_since(begin));
   return result_of(frame);
+}
+
+// It says nothing that its original did not, and has the pose of that. A picture that stays for longer than
+// the one before it did says that the rig stands.
+void Odometry::repeat(const View& view) {
+  if (record_of(view.frame).segment >= 0) tell_posed(view.frame);
+  if (!previous_ || !(previous_->interval > 0)) return;
+  if (view.timestamp - previous_->view->timestamp > kStandsAfter * previous_->interval) {
+    previous_->interval = 0;
+  }
 }
 
 // A start puts the views after it back in front of those that wait.
@@ -151,14 +166,14 @@ void Odometry::go_through_waiting() {
 }
 
 FramePosed Odometry::pose_of(int number) const {
-  const FrameRecord& frame = frames_[number];
+  const FrameRecord& frame = record_of(number);
   const Rigid3 rig_from_world = present_pose(frame, segments_[frame.segment].map);
   return {number, frame.segment, rig_from_world.inverse(),
           covariance_in_world(rig_from_world, frame.covariance)};
 }
 
 FrameResult Odometry::result_of(int number) const {
-  const FrameRecord& frame = frames_[number];
+  const FrameRecord& frame = record_of(number);
   if (frame.segment >= 0) return {number, TrackingState::kTracking, pose_of(number), {}};
   const TrackingState state = segments_.empty() ? TrackingState::kStarting : TrackingState::kLost;
   return {number, state, std::nullopt, frame.reason.empty() ? waiting_reason() : frame.reason};
@@ -224,10 +239,12 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
 // Of the newest posed view, from the frame before it.
 void Odometry::learn_velocity() {
   const int frame = previous_->view->frame;
-  if (frame == 0 || frames_[frame - 1].segment != world()) return;
-  const Rigid3 before = present_pose(frames_[frame - 1], segment().map);
+  if (frame == 0) return;
+  const FrameRecord& last = record_of(frame - 1);
+  if (last.segment != world()) return;
+  const Rigid3 before = present_pose(last, segment().map);
   previous_->velocity = previous_->pose.rig_from_world * before.inverse();
-  previous_->interval = previous_->view->timestamp - frames_[frame - 1].timestamp;
+  previous_->interval = previous_->view->timestamp - last.timestamp;
 }
 
 void Odometry::set_anchor(int keyframe) {
@@ -264,10 +281,12 @@ void Odometry::pose_between(const Start& start, const WaitingView& waiting, int 
   if (frames_[waiting.frame].segment >= 0) return;  // it was posed as one that turns
   const Map& map = segment().map;
   const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
-  const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world,
-                                     double(waiting.frame - a.frame) / double(b.frame - a.frame));
+  const double part = double(rank_of(waiting.frame) - rank_of(a.frame)) /
+                      double(rank_of(b.frame) - rank_of(a.frame));
+  const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world, part);
   const Localisation seen =
-      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1], waiting.frame, between);
+      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1],
+                                   static_cast<uint64_t>(rank_of(waiting.frame)), between);
   if (waiting.same_as >= 0) return;
   if (!waiting.view) {
     frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
@@ -324,14 +343,22 @@ void Odometry::pose_copies(const std::vector<WaitingView>& views) {
     const FrameRecord& original = frames_[views[copy.same_as].frame];
     FrameRecord& frame = frames_[copy.frame];
     if (frame.segment >= 0 || original.segment != world()) continue;
-    ++posed_;
     frame.segment = original.segment;
     frame.keyframe = original.keyframe;
     frame.rig_from_keyframe = original.rig_from_keyframe;
     frame.covariance = original.covariance;
     frame.reason.clear();
-    observer_->frame_posed(pose_of(copy.frame));
+    tell_posed(copy.frame);
   }
+}
+
+// Of a frame that had no pose, and of those that repeat it.
+void Odometry::tell_posed(int frame) {
+  const int original = frame;
+  do {
+    ++posed_;
+    observer_->frame_posed(pose_of(frame));
+  } while (++frame < frames() && frames_[frame].same_as == original);
 }
 
 // Whether a pose is about where the motion before leads. Large patches fit at places where turning and moving
@@ -450,7 +477,7 @@ bool Odometry::is_due(const Localisation& pose) {
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
   const MapKeyFrame& anchor = segment().map.keyframes[local_.anchor];
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
-  return options_.departures.keyframes && frame - anchor.frame >= kMinKeyFrameGap &&
+  return options_.departures.keyframes && rank_of(frame) - rank_of(anchor.frame) >= kMinKeyFrameGap &&
          step.translation.norm() > kKeyFrameBaseline * anchor_distance_;
 }
 
@@ -553,7 +580,6 @@ void Odometry::record(int number, const Localisation& pose, int keyframe) {
 void Odometry::record(int number, const Localisation& pose, int keyframe, const Matrix6d& covariance) {
   FrameRecord& frame = frames_[number];
   const bool is_new = frame.segment < 0;
-  posed_ += is_new;
   frame.segment = world();
   frame.keyframe = keyframe;
   frame.rig_from_keyframe = pose.rig_from_world * segment().map.keyframes[keyframe].rig_from_world.inverse();
@@ -562,7 +588,7 @@ void Odometry::record(int number, const Localisation& pose, int keyframe, const 
   frame.reason.clear();
   frame.matches.clear();
   for (const PointMatch& m : pose.matches) frame.matches.push_back(m);
-  if (is_new) observer_->frame_posed(pose_of(number));
+  if (is_new) tell_posed(number);
 }
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the

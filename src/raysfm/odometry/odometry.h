@@ -81,7 +81,7 @@ class Odometry {
   void know(std::vector<Map> worlds);
 
   // The next view: view->frame counts those before it, its timestamp is above theirs, and it holds an image
-  // of each camera of the rig unless it has a defect.
+  // of each camera of the rig unless it has a defect or repeats an earlier one, the newest that did not.
   FrameResult process(ViewPtr view);
 
   // No more views: the last call. Adjusts everything when told so. Every frame has a pose or a reason.
@@ -125,6 +125,8 @@ class Odometry {
     // Tangent of rig_from_world, the errors of the map included.
     Matrix6d covariance = Matrix6d::Zero();
     bool place_held = false;          // as in PosedFrame
+    int same_as = -1;                 // an earlier frame, whose record is this one's too; -1: none
+    int rank = 0;                     // counts the frames before it that are the same as no other
     std::vector<TrackPixel> matches;  // until the pose is settled
 
     template <typename A>
@@ -165,8 +167,18 @@ class Odometry {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
   }
 
+  // What is known of a frame, or of the one that it repeats.
+  const FrameRecord& record_of(int frame) const {
+    const int original = frames_[frame].same_as;
+    return frames_[original < 0 ? frame : original];
+  }
+  // Frames as a camera that repeats none would count them. Those of earlier runs are below 0.
+  int rank_of(int frame) const { return frame < 0 ? frame : frames_[frame].rank; }
+
   template <typename A>
   void archive(A& a);
+  void repeat(const View& view);
+  void tell_posed(int frame);
   ViewPtr detected(const ViewPtr& view);
   void go_through_waiting();
   FrameResult result_of(int frame) const;

@@ -103,7 +103,8 @@ void Odometry::carry_frames(int number, const std::vector<Rigid3>& before) {
     if (!std::isfinite(scale)) continue;
     then.translation *= scale;
     scale_pose(scale, &frame);
-    const double part = double(int(f) - keyframes[a].frame) / double(keyframes[b].frame - keyframes[a].frame);
+    const int from = rank_of(keyframes[a].frame), to = rank_of(keyframes[b].frame);
+    const double part = double(frame.rank - from) / double(to - from);
     if (frame.keyframe != a || !(part > 0) || part > 1) continue;
     frame.rig_from_keyframe = interpolate(Rigid3{}, now * then.inverse(), part) * frame.rig_from_keyframe;
   }

@@ -45,10 +45,11 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   out.closures = closures_;
   const std::vector<int> number_of = numbers_of_segments();
   out.frames.reserve(frames_.size());
-  for (const FrameRecord& f : frames_) {
+  for (int i = 0; i < frames(); ++i) {
+    const FrameRecord& f = record_of(i);
     PosedFrame& frame = out.frames.emplace_back();
-    frame.timestamp = f.timestamp;
-    frame.image_name = f.name;
+    frame.timestamp = frames_[i].timestamp;
+    frame.image_name = frames_[i].name;
     frame.reason = f.reason;
     if (f.segment < 0) continue;
     frame.segment = number_of[f.segment];
@@ -83,10 +84,10 @@ std::vector<int> Odometry::numbers_of_segments() const {
 Segment Odometry::summary_of(int number, double scale_sigma) const {
   Segment segment{-1, -1, segments_[number].end_reason, scale_sigma < kMetricSigma, {}};
   if (std::isfinite(scale_sigma)) segment.scale_sigma = scale_sigma;
-  for (size_t i = 0; i < frames_.size(); ++i) {
-    if (frames_[i].segment != number) continue;
-    if (segment.first < 0) segment.first = static_cast<int>(i);
-    segment.last = static_cast<int>(i);
+  for (int i = 0; i < frames(); ++i) {
+    if (record_of(i).segment != number) continue;
+    if (segment.first < 0) segment.first = i;
+    segment.last = i;
   }
   return segment;
 }

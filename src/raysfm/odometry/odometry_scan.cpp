@@ -22,12 +22,13 @@ Velocity Odometry::velocity_of(int number, const Rigid3& rig_from_world, const R
   const int segment = frames_[number].segment >= 0 ? frames_[number].segment : active_;
   std::vector<TimedPose> others;
   for (const int side : {-1, 1}) {
-    for (int i = 1; i <= kNeighbours; ++i) {
-      const int other = number + side * i;
-      if (other < 0 || other >= frames()) break;
+    int found = 0;
+    for (int other = number + side; other >= 0 && other < frames() && found < kNeighbours; other += side) {
       const FrameRecord& frame = frames_[other];
       if (std::abs(frame.timestamp - here.time) > kFarAway) break;
-      if (next && side * i == 1) {
+      if (frame.same_as >= 0) continue;
+      ++found;
+      if (next && side * found == 1) {
         others.push_back({frame.timestamp, *next});
       } else if (frame.segment == segment) {
         others.push_back({frame.timestamp, present_pose(frame, segments_[segment].map)});

@@ -28,7 +28,7 @@ void archive_fields(A& a, LocalMap& x) {
 template <typename A>
 void Odometry::FrameRecord::archive(A& a) {
   raysfm::archive(a, timestamp, name, reason, segment, keyframe, rig_from_keyframe, covariance, place_held,
-                  matches);
+                  same_as, rank, matches);
 }
 
 template <typename A>

@@ -550,5 +550,73 @@ TEST(Odometry, WhatMovesByItselfIsTold) {
   EXPECT_NEAR(moving[0].part, 0.4, 0.15);
 }
 
+// A view that repeats the one of another frame.
+ViewPtr copy_of(int original, int frame, double timestamp) {
+  auto view = std::make_shared<View>();
+  view->frame = frame;
+  view->timestamp = timestamp;
+  view->same_as = original;
+  return view;
+}
+
+// The views of a film, each shown several times; with `copies` false the copies are left out.
+std::vector<ViewPtr> shown_again(const SynthViews& film, const std::vector<int>& times, bool copies) {
+  std::vector<ViewPtr> views;
+  double now = 0;
+  for (int i = 0; i < film.size(); ++i) {
+    const int original = static_cast<int>(views.size());
+    const auto view = std::const_pointer_cast<View>(film.view(i, original));
+    view->timestamp = now;
+    view->repeats = original - i;
+    views.push_back(view);
+    for (int k = 1; k < times[i]; ++k) {
+      if (copies) views.push_back(copy_of(original, original + k, now + 0.1 * k));
+    }
+    now += 0.1 * times[i];
+  }
+  return views;
+}
+
+// What of a frame's pose is told again by events.
+class PosesTold : public TrackerObserver {
+ public:
+  void frame_posed(const FramePosed& e) override { ++times[e.frame]; }
+  std::map<int, int> times;
+};
+
+// Rolling shutters ask for velocities, and what calibrations are refined with for the time between key frames.
+TEST(Odometry, AFilmWithCopiesIsTheFilmWithoutThem) {
+  const SynthViews film = synth_views("corridor", "drive", 60, 0, 0.02);
+  std::vector<int> times;
+  for (int i = 0; i < film.size(); ++i) times.push_back(i < 30 ? 3 : 2 + i % 2);
+  Camera camera = small_camera();
+  camera.shutter.readout = 0.02;
+  OdometryOptions options;
+  options.calibration_prior = {.focal = 0.02, .centre = 0.01, .rim = 0.01};
+  Odometry once(Rig{{camera}}, options);
+  for (const ViewPtr& view : shown_again(film, times, false)) once.process(view);
+  PosesTold told;
+  Odometry again(Rig{{camera}}, options, &told);
+  for (const ViewPtr& view : shown_again(film, times, true)) again.process(view);
+  EXPECT_EQ(again.posed(), again.frames());
+  const Reconstruction a = once.finish(true), b = again.finish(true);
+  ASSERT_GT(a.keyframes.size(), 20u);
+  EXPECT_EQ(a.keyframes.size(), b.keyframes.size());
+  EXPECT_EQ(a.observations.size(), b.observations.size());
+  ASSERT_EQ(b.segments.size(), 1u);
+  EXPECT_EQ(b.segments[0].last, std::ssize(b.frames) - 1);
+  size_t frame = 0;
+  for (int i = 0; i < film.size(); ++i) {
+    ASSERT_TRUE(a.frames[i].world_from_rig) << i;
+    for (int k = 0; k < times[i]; ++k, ++frame) {
+      ASSERT_TRUE(b.frames[frame].world_from_rig) << frame;
+      EXPECT_EQ(b.frames[frame].world_from_rig->translation, a.frames[i].world_from_rig->translation) << i;
+      EXPECT_EQ(b.frames[frame].covariance, a.frames[i].covariance) << i;
+      EXPECT_EQ(told.times[static_cast<int>(frame)], 1) << frame;
+    }
+  }
+  EXPECT_EQ(frame, b.frames.size());
+}
+
 }  // namespace
 }  // namespace raysfm

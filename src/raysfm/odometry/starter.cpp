@@ -333,7 +333,7 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
   const std::array<int, 3> views = {first_, second, third};
   std::vector<Match> matches = find_matches(views);
   find_across(views_[first_].view, &matches);
-  const GenericStart geometry = estimate(matches, static_cast<uint64_t>(views_[first_].frame));
+  const GenericStart geometry = estimate(matches, views_[first_].view->random_stream());
   const std::string frames =
       fmt::format("frames {}, {}, {}", views_[first_].frame, views_[second].frame, views_[third].frame);
   const int count = static_cast<int>(matches.size());

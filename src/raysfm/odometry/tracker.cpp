@@ -118,22 +118,26 @@ Result<FrameResult> Tracker::push(std::span<const PixelView> images, double time
     }
     copy_pixels(images[s], &pictures[s].gray, &pictures[s].colors);
   }
-  maker_.look(std::move(pictures), view.get());
+  std::vector<GrayView> grays;
+  for (const Picture& picture : pictures) grays.push_back(picture.gray);
+  view->repeats = repeats_.repeats();
+  view->same_as = repeats_.original_of(view->frame, grays);
+  if (view->same_as < 0) maker_.look(std::move(pictures), view.get());
   return push(ViewPtr(std::move(view)));
 }
 
 void Tracker::write_state(StateWriter& state) {
-  archive(state, newest_, checked_);
+  archive(state, newest_, checked_, repeats_);
   odometry_.write_state(state);
 }
 
 bool Tracker::read_state(StateReader& state) {
-  archive(state, newest_, checked_);
+  archive(state, newest_, checked_, repeats_);
   return odometry_.read_state(state);
 }
 
 Result<FrameResult> Tracker::push(ViewPtr view) {
-  if (!checked_ && view->defect.empty()) {
+  if (!checked_ && !view->cameras.empty()) {
     view = maker_.detected(view);
     if (auto problem = opposite_extrinsics(odometry_.rig(), *view)) return bad_input(*problem);
     checked_ = true;

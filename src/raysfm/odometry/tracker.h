@@ -8,6 +8,7 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/image/pixels.h"
+#include "raysfm/image/repeat_watch.h"
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/odometry/options.h"
@@ -99,6 +100,7 @@ class Tracker {
   int streams_ = 1;
   std::optional<double> newest_;  // timestamp
   bool checked_ = false;          // the directions of the extrinsics
+  RepeatWatch repeats_;           // of images, not of views
 };
 
 }  // namespace raysfm

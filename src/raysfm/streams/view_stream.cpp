@@ -1,5 +1,7 @@
 #include "raysfm/streams/view_stream.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <exception>
 #include <system_error>
@@ -8,6 +10,8 @@ namespace raysfm {
 namespace {
 
 constexpr size_t kAhead = 8;  // views
+// Part of the frames: where more repeat others, the user hears of it.
+constexpr double kManyRepeats = 0.1;
 
 template <typename T>
 std::future<T> ready(T value) {
@@ -45,11 +49,34 @@ const StageTiming& ViewStream::finish() {
   return decode_timing_;
 }
 
-ViewStream::Item ViewStream::made(Frames frames) const {
+// Asked for each frame in its turn, by one thread at a time.
+ViewStream::Showing ViewStream::showing(const Frames& frames) {
+  Showing shown{-1, repeats_.repeats()};
+  std::vector<GrayView> pictures;
+  for (const InputFrame& frame : frames) {
+    if (!frame.defect.empty()) return shown;
+    pictures.push_back(frame.gray);
+  }
+  shown.same_as = repeats_.original_of(frames[0].index, pictures);
+  return shown;
+}
+
+std::string ViewStream::note() const {
+  std::string note = sources_.note();
+  const int64_t frames = decode_timing_.count;
+  if (repeats_.repeats() <= kManyRepeats * static_cast<double>(frames)) return note;
+  return note + fmt::format("{}{} of {} frames show the same picture as the one before, and have its pose",
+                            note.empty() ? "" : "; ", repeats_.repeats(), frames);
+}
+
+ViewStream::Item ViewStream::made(Frames frames, const Showing& shown) const {
   auto view = std::make_shared<View>();
   view->frame = frames[0].index;
   view->timestamp = frames[0].timestamp;
   view->name = frames[0].name;
+  view->same_as = shown.same_as;
+  view->repeats = shown.repeats;
+  if (shown.same_as >= 0) return ViewPtr(std::move(view));
   std::vector<Picture> pictures;
   for (InputFrame& frame : frames) {
     if (view->defect.empty()) view->defect = frame.defect;
@@ -70,8 +97,10 @@ std::future<ViewStream::Item> ViewStream::read() {
   if (!frames) return ready<Item>(frames.error());
   if (frames->empty()) return ready<Item>(ViewPtr());
   decode_timing_.add(milliseconds_since(start));
+  const Showing shown = showing(*frames);
+  if (shown.same_as >= 0) return ready<Item>(made(*std::move(frames), shown));
   auto shared = std::make_shared<Frames>(std::move(*frames));
-  return pool_->submit([this, shared] { return made(std::move(*shared)); });
+  return pool_->submit([this, shared, shown] { return made(std::move(*shared), shown); });
 }
 
 void ViewStream::read_ahead(const std::stop_token& stop) {

@@ -13,6 +13,7 @@
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/frames/frame_set.h"
+#include "raysfm/image/repeat_watch.h"
 #include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
 
@@ -27,7 +28,8 @@ struct PassedViews {
 // Views of a rig in order, decoded and detected ahead of time. With one thread everything happens in the
 // calls of next(); the views are the same. Frame i of every stream belongs to view i. The views end with the
 // first stream that ends, of which note() tells; streams whose timestamps drift apart are an error. A frame
-// with a defect makes the view one.
+// with a defect makes the view one. Frames that repeat the pictures of one before are views without cameras,
+// which name it.
 class ViewStream {
  public:
   // At least one stream and one camera. The sources and what the masks point to must outlive the stream.
@@ -49,20 +51,25 @@ class ViewStream {
   const StageTiming& finish();
 
   // What the user should know though it is no error; complete once next() has returned null.
-  std::string note() const { return sources_.note(); }
+  std::string note() const;
 
  private:
   using Item = Result<ViewPtr>;
   using Frames = std::vector<InputFrame>;  // one of each stream
 
   std::future<Item> read();
-  Item made(Frames frames) const;
+  struct Showing {
+    int same_as = -1, repeats = 0;  // as in View
+  };
+  Item made(Frames frames, const Showing& shown) const;
+  Showing showing(const Frames& frames);
   void read_ahead(const std::stop_token& stop);
 
   FrameSetReader sources_;
   ViewMaker maker_;
   const PassedViews passed_;
   std::atomic<bool> detect_ahead_ = true;
+  RepeatWatch repeats_;
   StageTiming decode_timing_;
   std::unique_ptr<ThreadPool> pool_;  // detection
   std::mutex mutex_;

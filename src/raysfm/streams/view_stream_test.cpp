@@ -30,7 +30,7 @@ class MadeFrames : public FrameSource {
     frame.index = i;
     frame.timestamp = 0.25 * i;
     frame.name = "frame " + std::to_string(i);
-    frame.gray = testing_support::random_image(width(), height(), 100 + i);
+    frame.gray = testing_support::random_image(width(), height(), 100 + i / times_each);
     if (colour_) frame.colors.rgb = testing_support::random_image(3 * width(), height(), 200 + i);
     if (i == defect_at) {
       frame.gray = {};
@@ -46,6 +46,7 @@ class MadeFrames : public FrameSource {
 
   std::atomic<int> made = 0;  // calls of next()
   int defect_at = -1;
+  int times_each = 1;  // that a picture is shown
 
  private:
   int count_, error_at_;
@@ -201,6 +202,21 @@ TEST_P(ViewStreamTest, ADefectOfOneStreamIsOneOfTheViewAndNothingEnds) {
     EXPECT_EQ(views[i]->defect, i == 3 ? "frame of the test is damaged" : "");
     EXPECT_EQ(views[i]->cameras.size(), i == 3 ? 0u : 2u);
   }
+}
+
+TEST_P(ViewStreamTest, AFrameThatRepeatsAnotherNamesItAndHasNoImages) {
+  OneStream one(12);
+  one.source().times_each = 3;
+  ViewStream stream(one.streams, ViewMaker({{0, {}, kOptions}}), GetParam());
+  const std::vector<ViewPtr> views = all_views(stream);
+  ASSERT_EQ(views.size(), 12u);
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_EQ(views[i]->frame, i);
+    EXPECT_EQ(views[i]->timestamp, 0.25 * i);
+    EXPECT_EQ(views[i]->same_as, i % 3 == 0 ? -1 : i / 3 * 3) << i;
+    EXPECT_EQ(views[i]->cameras.size(), i % 3 == 0 ? 1u : 0u) << i;
+  }
+  EXPECT_NE(stream.note().find("8 of 12 frames"), std::string::npos) << stream.note();
 }
 
 TEST_P(ViewStreamTest, NoFramesAreNoViews) {

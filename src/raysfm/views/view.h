@@ -62,9 +62,13 @@ struct View {
   std::string name;
   std::vector<CameraView> cameras;
   std::string defect;    // why an image cannot be used; empty: none. There are no cameras then
+  int same_as = -1;      // frame whose pictures it shows once more; it has no cameras then. -1: none
+  int repeats = 0;       // frames before it that show others once more
   double detect_ms = 0;  // that both steps took ahead of time
 
   bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
+  // Of random numbers: those of a film are the same with and without frames that repeat others.
+  uint64_t random_stream() const { return static_cast<uint64_t>(frame - repeats); }
 };
 
 // Views are not changed once others may see them.
