@@ -19,7 +19,8 @@
 namespace raysfm {
 namespace {
 
-// A stretch has so many frames that repeat no other, more where there is so little motion that key frames are few.
+// A stretch has so many frames that repeat no other, more where there is so little motion that key frames are
+// few.
 constexpr int kFrames = 200, kMostFrames = 600, kFewKeyframes = 12;
 constexpr double kShare = 0.5;      // of the points of a key frame, which the one two before sees as well
 constexpr int kStretches = 6;       // with a reconstruction

@@ -30,9 +30,7 @@ struct SolveInput {
   bool interrupted = false;                                 // ends where the caller asked to stop
 
   // The image, or the one that stands for it.
-  int original(int image) const {
-    return same_as.empty() || same_as[image] < 0 ? image : same_as[image];
-  }
+  int original(int image) const { return same_as.empty() || same_as[image] < 0 ? image : same_as[image]; }
 
   // Images of different sizes are centred in one as large as the largest: what its pixels are ahead of those
   // of the image.

@@ -14,9 +14,9 @@ namespace raysfm {
 // and are no further look at the scene.
 //
 // A copy has most pixels of the frame that it repeats, grey level by grey level, and nothing in it has moved.
-// A camera that stands still has other noise in each frame, and is told by that. Where an encoder took most of
-// the noise away, only the rhythm tells: copies come again and again, between pictures that have moved. What
-// has hardly changed at all is a copy in any case.
+// A camera that stands still has other noise in each frame, and is told by that. Where an encoder took most
+// of the noise away, only the rhythm tells: copies come again and again, between pictures that have moved.
+// What has hardly changed at all is a copy in any case.
 class RepeatWatch {
  public:
   // The frame that the next one repeats: always the newest that repeats none itself; -1: none. `frame` is the
@@ -33,8 +33,8 @@ class RepeatWatch {
 
  private:
   enum class Likeness : uint8_t { kNone, kAlike, kSame };
-  // Of a picture of the newest frame that is like none before: every so many-th row, and which part of its pixels
-  // was another in the one that is like none before it (-1: unknown).
+  // Of a picture of the newest frame that is like none before: every so many-th row, and which part of its
+  // pixels was another in the one that is like none before it (-1: unknown).
   struct Rows {
     int width = 0, height = 0;
     std::vector<uint8_t> pixels;

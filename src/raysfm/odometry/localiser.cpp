@@ -233,12 +233,10 @@ void Localiser::make_observations(const Map& map, const Rigid3& about) {
 // Pose from the observations.
 bool Localiser::estimate(const Rigid3* prior, uint64_t stream, double max_error_px) {
   ScopedTimer timer(pose_timing);
-  estimator_.estimate(rig_.rig(), observations(), prior,
-                      {.max_error_px = max_error_px,
-                       .min_inliers = kMinInliers,
-                       .seed = options_.seed,
-                       .stream = stream},
-                      &estimate_);
+  estimator_.estimate(
+      rig_.rig(), observations(), prior,
+      {.max_error_px = max_error_px, .min_inliers = kMinInliers, .seed = options_.seed, .stream = stream},
+      &estimate_);
   return estimate_.ok();
 }
 

@@ -281,12 +281,11 @@ void Odometry::pose_between(const Start& start, const WaitingView& waiting, int 
   if (frames_[waiting.frame].segment >= 0) return;  // it was posed as one that turns
   const Map& map = segment().map;
   const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
-  const double part = double(rank_of(waiting.frame) - rank_of(a.frame)) /
-                      double(rank_of(b.frame) - rank_of(a.frame));
+  const double part =
+      double(rank_of(waiting.frame) - rank_of(a.frame)) / double(rank_of(b.frame) - rank_of(a.frame));
   const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world, part);
-  const Localisation seen =
-      localiser_.pose_from_matches(map, start.seen[view - start.first_view - 1],
-                                   static_cast<uint64_t>(rank_of(waiting.frame)), between);
+  const Localisation seen = localiser_.pose_from_matches(
+      map, start.seen[view - start.first_view - 1], static_cast<uint64_t>(rank_of(waiting.frame)), between);
   if (waiting.same_as >= 0) return;
   if (!waiting.view) {
     frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";

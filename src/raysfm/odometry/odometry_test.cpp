@@ -584,7 +584,8 @@ class PosesTold : public TrackerObserver {
   std::map<int, int> times;
 };
 
-// Rolling shutters ask for velocities, and what calibrations are refined with for the time between key frames.
+// Rolling shutters ask for velocities, and what calibrations are refined with for the time between key
+// frames.
 TEST(Odometry, AFilmWithCopiesIsTheFilmWithoutThem) {
   const SynthViews film = synth_views("corridor", "drive", 60, 0, 0.02);
   std::vector<int> times;

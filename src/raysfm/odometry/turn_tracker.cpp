@@ -90,8 +90,7 @@ std::optional<TurnedPose> TurnTracker::turn(const View& view, uint64_t seed) {
   if (!gather(view)) return std::nullopt;
   RotationRansac rotations(before_, now_, tolerance_);
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-  const RansacReport found =
-      ransac(rotations, {.seed = seed, .stream = view.random_stream()}, &rotation);
+  const RansacReport found = ransac(rotations, {.seed = seed, .stream = view.random_stream()}, &rotation);
   if (found.score.inliers < kExplained * static_cast<double>(before_.size())) return std::nullopt;
   const Rigid3 rig_from_base{Eigen::Quaterniond(rotation), Eigen::Vector3d::Zero()};
   return TurnedPose{rig_from_base * base_.rig_from_world, covariance_after(rotation)};
