@@ -176,6 +176,7 @@ WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<Uncalibrated
 
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
                      const std::atomic<bool>* stop, bool is_early) {
+  if (std::string still = no_motion(stretch); !still.empty()) return {{}, std::move(still), false};
   SolveOptions options;
   options.lens = LensChange::kFixed;
   options.seed = settings.odometry.seed;

@@ -331,6 +331,9 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   }
   Result<SolveInput> input = read_input(settings, once);
   if (!input) return input.error();
+  if (const std::string still = no_motion(*input); !still.empty() && !input->interrupted) {
+    return no_reconstruction(fmt::format("{}: {}", settings.input, still));
+  }
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
   if (found) pose_repeats(*input, &*found);

@@ -97,6 +97,13 @@ Result<void> keep_known(const SolveSettings& settings, const std::vector<std::st
 
 }  // namespace
 
+std::string no_motion(const SolveInput& input) {
+  const auto repeats = std::ranges::count_if(input.same_as, [](int original) { return original >= 0; });
+  const auto pictures = std::ssize(input.names) - repeats;
+  if (repeats == 0 || pictures > 2) return {};
+  return fmt::format("no motion: {} frames show {} different pictures", input.names.size(), pictures);
+}
+
 std::vector<int> shared_with_previous(const PointTracks& tracks) {
   std::vector<std::vector<int>> points(tracks.image_count);
   for (int k = 0; k < tracks.size(); ++k) points[tracks.image[k]].push_back(tracks.point[k]);

@@ -43,6 +43,9 @@ struct SolveInput {
   }
 };
 
+// Says so of images that all show the same one picture or two; empty of others.
+std::string no_motion(const SolveInput& input);
+
 // By image: how many of its points the image before it sees; 0 for the first.
 std::vector<int> shared_with_previous(const PointTracks& tracks);
 

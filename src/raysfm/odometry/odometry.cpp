@@ -745,8 +745,13 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
       begin_segment(std::move(*start), views);
       go_through_waiting();
     } else {
+      const int pictures = frames_.empty() ? 0 : frames_.back().rank + (frames_.back().same_as < 0);
+      const std::string reason =
+          pictures < frames() && pictures < 3
+              ? fmt::format("no motion: {} frames show {} different pictures", frames(), pictures)
+              : starter_->reason();
       for (FrameRecord& frame : frames_) {
-        if (frame.segment < 0 && frame.reason.empty()) frame.reason = "no start: " + starter_->reason();
+        if (frame.segment < 0 && frame.reason.empty()) frame.reason = "no start: " + reason;
       }
     }
   }
