@@ -251,12 +251,17 @@ Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCa
 // Poses and map of the images of input.camera, adjusted together.
 Result<SolveResult> solve_with_camera(const SolveInput& input, const SolveSettings& settings,
                                       const SolveCallbacks& callbacks) {
-  const RayOptions options{.max_error_px = settings.max_error,
-                           .is_known = true,
-                           .in_order = false,
-                           .seed = settings.seed,
-                           .threads = thread_count(settings.threads),
-                           .stopped = [&callbacks] { return callbacks.stopped(); }};
+  RayOptions options{.max_error_px = settings.max_error,
+                     .is_known = true,
+                     .in_order = false,
+                     .seed = settings.seed,
+                     .threads = thread_count(settings.threads),
+                     .stopped = [&callbacks] { return callbacks.stopped(); }};
+  if (callbacks.progress) {
+    options.progress = [&](int posed) {
+      callbacks.progress("photo", posed, static_cast<int>(input.names.size()));
+    };
+  }
   const RayReconstruction found = reconstruct_along_rays(input.tracks, *input.camera, options);
   if (found.posed == 0) {
     return no_reconstruction(

@@ -479,6 +479,7 @@ void RayGrowth::grow() {
       step_lens();
       adjust();
     }
+    if (options_.progress) options_.progress(r_.posed);
     tried_.assign(tracks_.image_count, 0);
     agreement_ = 0;
     fresh = 0;

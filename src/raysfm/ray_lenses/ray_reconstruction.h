@@ -22,6 +22,7 @@ struct RayOptions {
   uint64_t seed = 0;
   int threads = 1;                          // > 0; never changes a result
   std::function<bool()> stopped = nullptr;  // asked now and then; true: ends early with what there is
+  std::function<void(int posed)> progress = nullptr;  // told now and then: how many images have a pose
 };
 
 // Structure and motion of tracks, and the camera that all images were taken with.
