@@ -98,17 +98,26 @@ void fill_frames(const SolveInput& input, const UncalibratedReconstruction& foun
   }
 }
 
+// The points that have a place; returns the number of each among those of `r`, -1 for the others.
+std::vector<int> add_points(const SolveInput& input, const std::vector<uint8_t>& placed,
+                            const std::vector<Eigen::Vector3d>& points, const Rigid3& world_from_found,
+                            Reconstruction* r) {
+  std::vector<int> number(placed.size(), -1);
+  for (size_t i = 0; i < number.size(); ++i) {
+    if (!placed[i]) continue;
+    number[i] = static_cast<int>(r->points.size());
+    MapPoint& point = r->points.emplace_back();
+    point.position = world_from_found * points[i];
+    if (!input.rgb.empty()) point.rgb = input.rgb[i];
+  }
+  return number;
+}
+
 // The observations that agree, of key frames with a pose.
 void fill_map(const SolveInput& input, const UncalibratedReconstruction& found,
               const Rigid3& world_from_found, Reconstruction* r) {
-  std::vector<int> number(found.point_placed.size(), -1);
-  for (size_t i = 0; i < number.size(); ++i) {
-    if (!found.point_placed[i]) continue;
-    number[i] = static_cast<int>(r->points.size());
-    MapPoint& point = r->points.emplace_back();
-    point.position = world_from_found * found.scene.points[i];
-    if (!input.rgb.empty()) point.rgb = input.rgb[i];
-  }
+  const std::vector<int> number =
+      add_points(input, found.point_placed, found.scene.points, world_from_found, r);
   std::vector<std::vector<Observation>> of_image(input.names.size());
   for (int k = 0; k < input.tracks.size(); ++k) {
     const int image = input.tracks.image[k];
@@ -187,7 +196,7 @@ Report solve_report(const SolveInput& input, const UncalibratedReconstruction& f
   return report;
 }
 
-// What a camera's inliers say of its pose, points held; zero where that is nothing.
+// What an image's inliers say of its pose, points held; zero where that is nothing.
 Matrix6d covariance_of(const RayReconstruction& found, const PointTracks& tracks,
                        const std::vector<int>& inliers, int image, PoseEstimator* estimator) {
   std::vector<Eigen::Vector3d> points;
@@ -260,14 +269,8 @@ class KnownCameraResult {
   }
 
   void add_map() {
-    std::vector<int> number(found_.point_placed.size(), -1);
-    for (size_t i = 0; i < number.size(); ++i) {
-      if (!found_.point_placed[i]) continue;
-      number[i] = static_cast<int>(r_.points.size());
-      MapPoint& point = r_.points.emplace_back();
-      point.position = found_from_world_.inverse() * found_.points[i];
-      if (!input_.rgb.empty()) point.rgb = input_.rgb[i];
-    }
+    const std::vector<int> number =
+        add_points(input_, found_.point_placed, found_.points, found_from_world_.inverse(), &r_);
     double squares = 0;
     for (size_t j = 0; j < inliers_.size(); ++j) {
       if (!found_.image_posed[j]) continue;
