@@ -8,6 +8,7 @@
 #include <limits>
 #include <new>
 
+#include "raysfm/bundle/bundle_core.h"
 #include "support/bundle_scene.h"
 #include "support/ceres_bundle.h"
 
@@ -73,6 +74,22 @@ std::vector<Camera> distorted_rig() {
   right.rig_from_cam = {exp_so3({0.05, 0.2, -0.1}), {0.5, 0.02, -0.1}};
   left.width = right.width = 640, left.height = right.height = 480;
   return {left, right};
+}
+
+// A step that was none leaves the state, and another damping is tried on the same equations.
+TEST(BundleCore, SolvesTwiceAtOneState) {
+  BundleScene scene = make_bundle_scene({.points = 80, .cameras = distorted_rig()});
+  const BundleProblem problem = scene.problem();
+  const auto step_after = [&](std::initializer_list<double> dampings) {
+    BundleCore<6> core;
+    EXPECT_TRUE(core.load(problem, {}));
+    core.linearize();
+    for (const double damping : dampings) EXPECT_TRUE(core.solve(damping).valid);
+    return Eigen::Vector<double, 6>(core.system().pose_step(2));
+  };
+  const Eigen::Vector<double, 6> once = step_after({1e-2});
+  EXPECT_EQ(step_after({1e-4, 1e-2}), once);
+  EXPECT_GT((step_after({1e-4}) - once).norm(), 1e-3 * once.norm());
 }
 
 TEST(BundleAdjuster, ReachesTheOptimumOfCeres) {

@@ -42,7 +42,7 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
   lost_.reserve(lanes);
   chunk_cost_.resize(layout_.chunks.size());
   chunk_loses_.resize(layout_.chunks.size());
-  set_size(point_terms_, 9 * lanes);
+  set_size(point_terms_, team_->threads() > 1 ? 9 * lanes : 0);
   load_rays();
   current_.load(problem, lanes);
   trial_.load(problem, lanes);
@@ -78,6 +78,14 @@ double BundleCore<N>::linearize() {
   current_cost_ = work(current_, true);
   drop_lost();
   return current_cost_;
+}
+
+// Only where no damping so far gave a step are there two solutions of the same equations.
+template <int N>
+LmStep BundleCore<N>::solve(double damping) {
+  if (is_used_up_) work(current_, true);
+  is_used_up_ = true;
+  return system_.solve(damping, *team_);
 }
 
 // The state that the step of the system leads to.
@@ -162,9 +170,13 @@ double BundleCore<N>::cost_without_lost(const State& state) {
 template <int N>
 double BundleCore<N>::work(State& state, bool linearize) {
   const int chunks = static_cast<int>(layout_.chunks.size()) - 1;
-  team_->run(chunks, [&](int chunk) { chunk_cost_[chunk] = work_on_chunk(chunk, state, linearize); });
+  const int points = static_cast<int>(layout_.points.size());
   if (linearize) {
-    const int points = static_cast<int>(layout_.points.size());
+    is_used_up_ = false;
+    if (point_terms_.empty()) clear_points();
+  }
+  team_->run(chunks, [&](int chunk) { chunk_cost_[chunk] = work_on_chunk(chunk, state, linearize); });
+  if (linearize && !point_terms_.empty()) {
     team_->run((points + kPointChunk - 1) / kPointChunk, [&](int chunk) {
       sum_points(chunk * kPointChunk, std::min(points, (chunk + 1) * kPointChunk));
     });
@@ -369,9 +381,8 @@ bool BundleCore<N>::score_block(int begin, Block& block, LargeArray<double>& lan
 template <int N>
 void BundleCore<N>::store_block(int begin, const Block& block) {
   for (int k = 0; k < kBlockLanes; ++k) {
-    double* terms = &point_terms_[9 * static_cast<size_t>(begin + k)];
-    for (int c = 0; c < 9; ++c) terms[c] = block.point[c][k];
     const ObservationLayout::Lane& lane = layout_.lanes[begin + k];
+    store_point_terms(begin + k, block, k);
     if (lane.slot < 0) continue;
     double* cross = system_.cross(lane.slot);
     if (lane.opens_slot) {
@@ -384,6 +395,26 @@ void BundleCore<N>::store_block(int begin, const Block& block) {
       }
     }
   }
+}
+
+// One thread adds them up at once, in the order of the lanes, as sum_points() does.
+template <int N>
+void BundleCore<N>::store_point_terms(int lane, const Block& block, int k) {
+  if (!point_terms_.empty()) {
+    double* terms = &point_terms_[9 * static_cast<size_t>(lane)];
+    for (int c = 0; c < 9; ++c) terms[c] = block.point[c][k];
+    return;
+  }
+  const int p = layout_.lanes[lane].system_point;
+  if (p < 0) return;
+  PointBlock& point = system_.point(p);
+  for (int c = 0; c < 6; ++c) point.v[c] += block.point[c][k];
+  for (int c = 0; c < 3; ++c) point.gradient[c] += block.point[6 + c][k];
+}
+
+template <int N>
+void BundleCore<N>::clear_points() {
+  for (int p = 0; p < system_.point_count(); ++p) system_.point(p) = {};
 }
 
 template <int N>

@@ -26,7 +26,7 @@ class BundleCore {
   int dropped() const { return dropped_; }
 
   double linearize();
-  LmStep solve(double damping) { return system_.solve(damping, *team_); }
+  LmStep solve(double damping);
   LmTrial evaluate(bool linearize);
   void accept();
 
@@ -70,6 +70,8 @@ class BundleCore {
                        bool linearize, bool* loses);
   bool score_block(int begin, Block& block, LargeArray<double>& lane_cost, double* lane_sums);
   void store_block(int begin, const Block& block);
+  void store_point_terms(int lane, const Block& block, int k);
+  void clear_points();
   void sum_points(int begin, int end);
   bool has_residual(const State& state, int lane) const;
   void collect_lost();
@@ -84,7 +86,7 @@ class BundleCore {
   SchurSystem<N> system_;
   State current_, trial_;
   LargeArray<RayBlock> rays_;         // by block of lanes
-  ScratchArray<double> point_terms_;  // V and gp of each lane
+  ScratchArray<double> point_terms_;  // V and gp of each lane, where several threads work on the poses
   LargeArray<double> chunk_cost_;
   LargeArray<uint8_t> active_;   // by lane: an inlier that has a residual
   LargeArray<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass
@@ -92,7 +94,8 @@ class BundleCore {
   LargeArray<uint8_t> chunk_loses_;
   int active_count_ = 0, dropped_ = 0;
   double current_cost_ = 0, trial_cost_ = 0;
-  int prior_pose_ = -1;  // in the system
+  bool is_used_up_ = false;  // the normal equations, by a solution
+  int prior_pose_ = -1;      // in the system
 };
 
 extern template class BundleCore<6>;

@@ -1,5 +1,6 @@
 #include "raysfm/bundle/observation_layout.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -74,6 +75,7 @@ void ObservationLayout::build(const BundleProblem& problem, Taking taking) {
 
 void ObservationLayout::sort_observations(const BundleProblem& problem, Taking taking) {
   order_.clear();
+  order_.reserve(problem.observations.size());
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     if (taking == Taking::kAll || problem.uses(i)) order_.push_back(static_cast<int>(i));
   }
@@ -90,6 +92,7 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
   groups.clear(), lanes.clear(), u.clear(), v.clear(), poses.clear(), points.clear();
   system_point_.assign(problem.points.size(), -1);
   const bool one_camera = !problem.rays.empty() || !problem.lenses.empty();  // cameras are not looked at
+  reserve_lanes(problem.rig_from_world.size() * (one_camera ? 1 : problem.cameras.size()));
   const auto pad = [&] {
     while (lanes.size() % kBlockLanes != 0) {
       lanes.push_back({-1, lanes.back().point, -1, -1, false});
@@ -119,6 +122,12 @@ void ObservationLayout::fill_lanes(const BundleProblem& problem) {
     u.push_back(o.pixel.x()), v.push_back(o.pixel.y());
   }
   pad();
+}
+
+// Arrays that grow by themselves leave holes of their size in the heap.
+void ObservationLayout::reserve_lanes(size_t most_groups) {
+  const size_t most = sorted_.size() + kBlockLanes * std::min(sorted_.size(), most_groups);
+  lanes.reserve(most), u.reserve(most), v.reserve(most), weight.reserve(most);
 }
 
 void ObservationLayout::weigh_lanes(const BundleProblem& problem) {
@@ -153,6 +162,7 @@ void ObservationLayout::assign_slots() {
   }
   point_begin.assign(1, 0);
   pose_of_slot.clear();
+  pose_of_slot.reserve(lanes_of_point.size());
   for (size_t p = 0; p < points.size(); ++p) {
     for (int k = lane_begin[p]; k < lane_begin[p + 1]; ++k) {
       Lane& lane = lanes[lanes_of_point[k]];

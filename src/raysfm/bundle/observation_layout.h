@@ -51,6 +51,7 @@ struct ObservationLayout {
  private:
   void sort_observations(const BundleProblem& problem, Taking taking);
   void fill_lanes(const BundleProblem& problem);
+  void reserve_lanes(size_t most_groups);
   void weigh_lanes(const BundleProblem& problem);
   void list_lanes_of_points();
   void assign_slots();

@@ -292,7 +292,7 @@ class Measurement {
   }
 
   Eigen::Matrix<double, 6, 3> scaled_cross(int slot) {
-    const double* z = core_.system().scaled(slot);
+    const double* z = core_.system().cross(slot);
     Eigen::Matrix<double, 6, 3> cross;
     for (int r = 0; r < 6; ++r) {
       for (int k = 0; k < 3; ++k) cross(r, k) = z[cross_place(r, k)];

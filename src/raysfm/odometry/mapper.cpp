@@ -449,6 +449,13 @@ void Mapper::gather(const Map* map, int first_observed, int first_free) {
     window_.poses.push_back(map->keyframes[k].rig_from_world);
     window_.free.push_back(k >= first_free && k > 0);  // the first key frame is the world
   }
+  size_t most = 0;
+  for (const int t : window_.tracks) most += map->tracks[t].observations.size();
+  window_.observations.reserve(most);
+  window_.sigmas.reserve(most);
+  window_.sources.reserve(most);
+  window_.inliers.reserve(most);
+  if (rig_.angular()) window_.rays.reserve(most);
   for (const int t : window_.tracks) {
     for (const TrackObservation& o : map->tracks[t].observations) {
       const int pose = window_.pose_of_keyframe[o.keyframe];

@@ -86,38 +86,33 @@ HWY_INLINE void ScaleColumns(D d, const double* f, const T w0, const T w1, const
 }
 
 template <int N>
-void ScaleSlots(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                double* z) {
+void ScaleSlots(int begin, int end, const int* point_begin, const double* factors, double* slots) {
   const Tag d;
   for (int p = begin; p < end; ++p) {
     const double* f = factors + size_t{kFactorSize} * p;
     for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
-      const double* from = w + size_t{kCrossSize<N>} * s;
-      double* to = z + size_t{kCrossSize<N>} * s;
+      double* slot = slots + size_t{kCrossSize<N>} * s;
       for (size_t r = 0; r < kCrossRows; r += hn::Lanes(d)) {
         auto z0 = hn::Zero(d), z1 = z0, z2 = z0;
-        ScaleColumns(d, f, hn::Load(d, from + r), hn::Load(d, from + kCrossRows + r),
-                     hn::Load(d, from + 2 * kCrossRows + r), z0, z1, z2);
-        hn::Store(z0, d, to + r);
-        hn::Store(z1, d, to + kCrossRows + r);
-        hn::Store(z2, d, to + 2 * kCrossRows + r);
+        ScaleColumns(d, f, hn::Load(d, slot + r), hn::Load(d, slot + kCrossRows + r),
+                     hn::Load(d, slot + 2 * kCrossRows + r), z0, z1, z2);
+        hn::Store(z0, d, slot + r);
+        hn::Store(z1, d, slot + kCrossRows + r);
+        hn::Store(z2, d, slot + 2 * kCrossRows + r);
       }
       if (N <= kCrossRows) continue;
-      const double* last = from + 3 * kCrossRows;
-      double* last_z = to + 3 * kCrossRows;
-      last_z[0] = last[0] * f[0];
-      last_z[1] = last[0] * f[1] + last[1] * f[2];
-      last_z[2] = last[0] * f[3] + last[1] * f[4] + last[2] * f[5];
+      double* last = slot + 3 * kCrossRows;
+      last[2] = last[0] * f[3] + last[1] * f[4] + last[2] * f[5];
+      last[1] = last[0] * f[1] + last[1] * f[2];
+      last[0] = last[0] * f[0];
     }
   }
 }
-void ScaleSlots6(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                 double* z) {
-  ScaleSlots<6>(begin, end, point_begin, factors, w, z);
+void ScaleSlots6(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+  ScaleSlots<6>(begin, end, point_begin, factors, slots);
 }
-void ScaleSlots9(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                 double* z) {
-  ScaleSlots<9>(begin, end, point_begin, factors, w, z);
+void ScaleSlots9(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+  ScaleSlots<9>(begin, end, point_begin, factors, slots);
 }
 
 template <int N>
@@ -236,14 +231,12 @@ void factorize_points(const PointBlock* points, int count, double damping, doubl
 }
 
 template <>
-void scale_slots<6>(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                    double* z) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots6)(begin, end, point_begin, factors, w, z);
+void scale_slots<6>(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots6)(begin, end, point_begin, factors, slots);
 }
 template <>
-void scale_slots<9>(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                    double* z) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots9)(begin, end, point_begin, factors, w, z);
+void scale_slots<9>(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots9)(begin, end, point_begin, factors, slots);
 }
 
 template <>

@@ -32,10 +32,10 @@ struct PointBlock {
 inline constexpr int kFactorSize = 9;
 void factorize_points(const PointBlock* points, int count, double damping, double* factors);
 
-// For every slot s of point p, begin <= p < end, point_begin[p] <= s < point_begin[p + 1]: Z_s = W_s L^-T.
+// For every slot s of point p, begin <= p < end, point_begin[p] <= s < point_begin[p + 1]: W_s becomes
+// Z_s = W_s L^-T.
 template <int N>
-void scale_slots(int begin, int end, const int* point_begin, const double* factors, const double* w,
-                 double* z);
+void scale_slots(int begin, int end, const int* point_begin, const double* factors, double* slots);
 
 // right (N) += sum of Z_s y over the slots, `points` naming the point of each.
 template <int N>

@@ -31,7 +31,6 @@ void SchurSystem<N>::set_structure(int pose_count, std::span<const int> point_be
   poses_.resize(pose_count);
   points_.resize(point_count_);
   set_size(cross_, kCrossSize<N> * pose_of_slot.size());
-  set_size(scaled_, kCrossSize<N> * pose_of_slot.size());
   set_size(factors_, kFactorSize * (points_.size() + 7));
   set_size(right_, N * poses_.size());
   set_size(work_, N * poses_.size());
@@ -193,7 +192,7 @@ void SchurSystem<N>::eliminate_points(double damping, WorkTeam& team) {
     double* factors = &factors_[kFactorSize * static_cast<size_t>(begin)];
     // The last of eight points of a chunk are its own: kPointChunk is a multiple of eight.
     factorize_points(&points_[begin], end - begin, damping, factors);
-    scale_slots<N>(begin, end, point_begin_.data(), factors_.data(), cross_.data(), scaled_.data());
+    scale_slots<N>(begin, end, point_begin_.data(), factors_.data(), cross_.data());
   });
 }
 
@@ -214,7 +213,7 @@ void SchurSystem<N>::reduce(double damping, WorkTeam& team) {
   const auto subtract = [&](int chunk) {
     for (int k = run_chunks_[chunk]; k < run_chunks_[chunk + 1]; ++k) {
       const ProductRun& run = runs_[k];
-      subtract_products<N>(scaled_.data(), &pairs_[run.begin], static_cast<int>(run.end - run.begin),
+      subtract_products<N>(cross_.data(), &pairs_[run.begin], static_cast<int>(run.end - run.begin),
                            reduced_.values() + run.target, run.stride);
     }
   };
@@ -233,7 +232,7 @@ void SchurSystem<N>::set_right_side(int i) {
   double* right = &right_[N * static_cast<size_t>(reduced_.position(i))];
   for (int c = 0; c < N; ++c) right[c] = -poses_[i].gradient[c];
   const int begin = slot_begin_[i];
-  add_right_side<N>(scaled_.data(), factors_.data(), slots_of_pose_.data() + begin,
+  add_right_side<N>(cross_.data(), factors_.data(), slots_of_pose_.data() + begin,
                     points_of_pose_.data() + begin, slot_begin_[i + 1] - begin, right);
 }
 
@@ -243,7 +242,7 @@ void SchurSystem<N>::substitute_points(int begin, int end) {
     const double* inverse = point_factor(p);
     double y[3] = {inverse[6], inverse[7], inverse[8]};
     for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
-      const double* z = scaled(s);
+      const double* z = cross(s);
       const double* d = pose_step(pose_of_slot_[s]);
       for (int k = 0; k < 3; ++k) {
         double sum = 0;

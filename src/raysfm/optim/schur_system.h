@@ -27,8 +27,9 @@ namespace raysfm {
 //     S dc = -gc + sum Z y,   S_ij = U_ij - sum Z_i Z_j^T over the points that both i and j see,
 //     dp = -L^-T (y + sum Z^T dc)
 //
-// N is 6 (a pose) or 9 (a pose and a lens). Memory only grows: structures no larger than an earlier one
-// allocate nothing, and solve() never does. The bits of the result do not depend on the threads.
+// Z takes the place of W, which is most of the memory: solve() uses up the slots. N is 6 (a pose) or 9 (a
+// pose and a lens). Memory only grows: structures no larger than an earlier one allocate nothing, and solve()
+// never does. The bits of the result do not depend on the threads.
 template <int N>
 class SchurSystem {
  public:
@@ -50,13 +51,13 @@ class SchurSystem {
   const PoseBlock& pose(int i) const { return poses_[i]; }
   PointBlock& point(int p) { return points_[p]; }
   const PointBlock& point(int p) const { return points_[p]; }
-  // W at cross_place(row, column); what is no place must be zero.
+  // W at cross_place(row, column); what is no place must be zero. After solve(): Z.
   double* cross(int slot) { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
   const double* cross(int slot) const { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
   void set_zero();
 
   // Solves with the diagonal times 1 + damping (an exact zero counts as 1, so that what is not observed
-  // stays).
+  // stays). W must have been written since the last solve().
   LmStep solve(double damping, WorkTeam& team);
   // The same with the factors of the last solve(), for other gradients of the poses and points without any:
   // the blocks and the damping must be those of then.
@@ -68,9 +69,8 @@ class SchurSystem {
 
   // After solve(): S^-1 b in place, N numbers by pose.
   void solve_reduced(std::span<double> b);
-  // After solve(): L^-1 (6, lower by rows) of a point, and Z of a slot.
+  // After solve(): L^-1 (6, lower by rows) of a point.
   const double* point_factor(int p) const { return &factors_[kFactorSize * static_cast<size_t>(p)]; }
-  const double* scaled(int slot) const { return &scaled_[kCrossSize<N> * static_cast<size_t>(slot)]; }
   std::span<const int> slots_of_pose(int i) const;
   int point_of_slot(int slot) const { return point_of_slot_[slot]; }
   int pose_of_slot(int slot) const { return pose_of_slot_[slot]; }
@@ -101,7 +101,7 @@ class SchurSystem {
   LargeArray<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
   LargeArray<PoseBlock> poses_;
   LargeArray<PointBlock> points_;
-  ScratchArray<double> cross_;
+  ScratchArray<double> cross_;  // by slot: W, and Z once the points are eliminated
 
   LargeArray<int> pattern_begin_, pattern_, marks_;
   LargeArray<size_t> offsets_;
@@ -111,7 +111,6 @@ class SchurSystem {
   std::vector<int> run_chunks_;  // the runs are shared out in these chunks
   BlockCholesky reduced_{N};
   ScratchArray<double> factors_;  // per point: L^-1 and y
-  ScratchArray<double> scaled_;   // Z per slot, laid out as W
   ScratchArray<double> right_;    // right hand side and solution of S, by position
   ScratchArray<double> work_;
   ScratchArray<double> pose_steps_, point_steps_;

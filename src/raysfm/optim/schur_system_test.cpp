@@ -118,6 +118,8 @@ void expect_dense_solution(RandomBundle<N>& bundle, double damping) {
 TEST(SchurSystem, SolvesAgainForOtherGradientsOfThePoses) {
   RandomBundle<6> bundle(40, 300, 6, 3);
   constexpr double kDamping = 1e-3;
+  const std::vector<double> crosses(bundle.system.cross(0),
+                                    bundle.system.cross(0) + kCrossSize<6> * bundle.pose_of_slot.size());
   ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
   Rng rng(8);
   for (int i = 0; i < bundle.poses; ++i) {
@@ -126,6 +128,7 @@ TEST(SchurSystem, SolvesAgainForOtherGradientsOfThePoses) {
   for (int p = 0; p < bundle.points; ++p) std::fill_n(bundle.system.point(p).gradient, 3, 0.0);
   ASSERT_TRUE(bundle.system.solve_again(kDamping, bundle.team).valid);
   const Eigen::VectorXd again = bundle.step();
+  std::ranges::copy(crosses, bundle.system.cross(0));
   ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
   EXPECT_LT((again - bundle.step()).norm(), 1e-12 * again.norm());
 }
@@ -174,17 +177,17 @@ TEST(SchurSystem, NotFiniteIsNotValid) {
 
 // A point held by one ray: V has rank two and only the damping keeps it apart from singular.
 TEST(SchurSystem, PointOnOneRay) {
-  RandomBundle<6> bundle(3, 20, 3, 4);
-  PointBlock& point = bundle.system.point(0);
   const double a[3] = {1, 2, 3}, b[3] = {2, -1, 0.5};
-  int k = 0;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = i; j < 3; ++j) point.v[k++] = a[i] * a[j] + b[i] * b[j];
-  }
-  for (int s = bundle.point_begin[0]; s < bundle.point_begin[1]; ++s)
-    std::fill_n(bundle.system.cross(s), kCrossSize<6>, 0);
-  for (int i = 0; i < 3; ++i) point.gradient[i] = a[i] + b[i];
   for (double damping : {1e-10, 1e-4}) {
+    RandomBundle<6> bundle(3, 20, 3, 4);
+    PointBlock& point = bundle.system.point(0);
+    int k = 0;
+    for (int i = 0; i < 3; ++i) {
+      for (int j = i; j < 3; ++j) point.v[k++] = a[i] * a[j] + b[i] * b[j];
+    }
+    for (int s = bundle.point_begin[0]; s < bundle.point_begin[1]; ++s)
+      std::fill_n(bundle.system.cross(s), kCrossSize<6>, 0);
+    for (int i = 0; i < 3; ++i) point.gradient[i] = a[i] + b[i];
     ASSERT_TRUE(bundle.system.solve(damping, bundle.team).valid);
     // The step undoes a and b: a . d = -1 and b . d = -1.
     const double* d = bundle.system.point_step(0);
