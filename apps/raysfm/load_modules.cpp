@@ -71,7 +71,7 @@ auto call(Function Module::*function, Args&&... args)
   return ((*module)->*function)(std::forward<Args>(args)...);
 }
 
-using app::PictureModule, app::ServerModule, app::VideoModule;
+using app::DeviceModule, app::PictureModule, app::ServerModule, app::VideoModule;
 
 }  // namespace
 
@@ -130,6 +130,10 @@ Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const D
 
 Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const DecoderOptions& options) {
   return call(&VideoModule::open_device, path, options);
+}
+
+Result<void> register_devices() {
+  return call(&DeviceModule::register_devices);
 }
 
 }  // namespace raysfm

@@ -37,4 +37,10 @@ struct VideoModule {
   decltype(&raysfm::open_device) open_device;
 };
 
+struct DeviceModule {
+  static constexpr const char* kFile = "raysfm-devices.so";
+  static constexpr const char* kSymbol = "raysfm_device_module";
+  decltype(&raysfm::register_devices) register_devices;
+};
+
 }  // namespace raysfm::app

@@ -3,6 +3,9 @@
 #include <malloc.h>
 #include <sys/resource.h>
 
+#include <cstddef>
+#include <cstdlib>
+
 namespace raysfm {
 
 // Most memory that the process has held so far, in MiB.
@@ -15,6 +18,15 @@ inline double peak_rss_mib() {
 // Gives what was freed back to the system, where it lies in whole pages.
 inline void return_freed_memory() {
   malloc_trim(0);
+}
+
+// Whether so many bytes could be had now. Decoders of others call an image damaged that they found no room
+// for; asking again what they had asked for tells the causes apart.
+inline bool memory_left(size_t bytes) {
+  // Volatile, or the compiler sees that nobody needs them.
+  void* volatile block = std::malloc(bytes);
+  std::free(block);
+  return block != nullptr;
 }
 
 }  // namespace raysfm

@@ -34,6 +34,7 @@ Result<Input> open_one(const std::string& name, const InputOptions& options) {
   const fs::file_status status = fs::status(path, failure);
   if (fs::is_directory(status)) return open_folder(path, options);
   if (name.starts_with("/dev/video") || fs::is_character_file(status)) {
+    if (auto r = register_devices(); !r) return r.error();
     return one_stream("device", open_device(name, {options.fps, options.threads}));
   }
   if (fs::is_regular_file(status)) {

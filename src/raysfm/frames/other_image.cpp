@@ -8,7 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "raysfm/frames/memory_left.h"
+#include "raysfm/core/memory.h"
 
 namespace raysfm {
 namespace {

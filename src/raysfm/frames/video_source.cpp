@@ -4,7 +4,6 @@
 
 extern "C" {
 #include <libavcodec/avcodec.h>
-#include <libavdevice/avdevice.h>
 #include <libavformat/avformat.h>
 #include <libavutil/display.h>
 }
@@ -19,7 +18,7 @@ extern "C" {
 #include <string_view>
 #include <utility>
 
-#include "raysfm/frames/memory_left.h"
+#include "raysfm/core/memory.h"
 #include "raysfm/frames/video_frame.h"
 
 namespace raysfm {
@@ -138,7 +137,6 @@ Result<void> VideoSource::open(const char* device_format) {
   const AVInputFormat* input_format = nullptr;
   is_device_ = device_format != nullptr;
   if (device_format) {
-    avdevice_register_all();
     input_format = av_find_input_format(device_format);
     if (!input_format) return bad_input(path_ + ": video devices are not supported by this FFmpeg");
   }

@@ -19,8 +19,12 @@ struct DecoderOptions {
 // at the end. Errors: bad input, for what is no video or has no frame that decodes.
 Result<std::unique_ptr<FrameSource>> open_video(const std::string& path, const DecoderOptions& options);
 
-// The same for a capture device such as /dev/video0, through Video4Linux. It has no end.
+// The same for a capture device such as /dev/video0, through Video4Linux, after register_devices(). It has no
+// end.
 Result<std::unique_ptr<FrameSource>> open_device(const std::string& path, const DecoderOptions& options);
+
+// Makes devices known to FFmpeg. Apart, as it brings 80 shared libraries, which files do without.
+Result<void> register_devices();
 
 // FFmpeg's own lines on stderr, in the whole process.
 void silence_ffmpeg();
