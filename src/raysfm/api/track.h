@@ -81,7 +81,7 @@ Result<OdometryOptions> odometry_options(const TrackSettings& settings);
 Report tracker_report(const TrackSettings& settings, const Tracker& tracker);
 
 // Whether the results can go into `folder` without touching an input, and makes sure of the folder; else bad
-// input.
+// input. What takes more memory than most maps is kept in a file without a name there (core/paged_memory.h).
 Result<void> prepare_track_output(const TrackSettings& settings, const std::filesystem::path& folder);
 
 // Writes the results into the folder: write_output_folder() with config.yaml, and the cameras where they were

@@ -8,11 +8,16 @@
 #include "raysfm/api/solve_result.h"
 #include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/core/paged_memory.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/results/output_folder.h"
 
 namespace raysfm {
 namespace {
+
+// Bytes of a map, and of what adjusts it, that are in memory before a file is made for more of it, and of
+// that file.
+constexpr size_t kInMemory = size_t{64} << 20, kResident = size_t{64} << 20;
 
 // What a camera file should say of a lens that no file told; empty of one that a file told.
 std::string origin_comment(const TrackResult& result) {
@@ -61,7 +66,9 @@ Result<void> prepare_track_output(const TrackSettings& settings, const std::file
   std::vector<std::string> inputs = settings.inputs;
   inputs.push_back(settings.camera);
   if (auto r = check_output_folder(folder, inputs); !r) return r;
-  return prepare_output_folder(folder);
+  if (auto r = prepare_output_folder(folder); !r) return r;
+  page_beyond(kInMemory, folder, kResident);
+  return {};
 }
 
 Result<bool> write_track_output(const TrackResult& result, const TrackSettings& settings,

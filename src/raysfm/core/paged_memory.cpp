@@ -28,7 +28,7 @@ namespace {
 constexpr size_t kPage = 4096;
 constexpr size_t kReserved = size_t{256} << 30;  // bytes of addresses, the most that the file can have
 constexpr size_t kMostAligned = 1 << 20;
-constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap
+constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap, and not counted
 constexpr size_t kLargePage = 2 << 20;
 constexpr size_t kMostWasted = 512 << 10;  // bytes of the last large page of a block
 constexpr size_t kLeastInLargePages = kLargePage - kMostWasted;
@@ -182,6 +182,25 @@ class PageFile {
 // Never ends: memory of it outlives every static object.
 std::atomic<PageFile*> page_file = nullptr;
 
+// What page_beyond() was told.
+struct Overflow {
+  std::mutex mutex;
+  std::filesystem::path folder;
+  size_t resident = 0;
+};
+Overflow& overflow() {
+  static Overflow* const told = new Overflow;
+  return *told;
+}
+std::atomic<size_t> most_in_memory = SIZE_MAX, bytes_in_memory = 0;
+
+// Tries once: where it fails, nothing is too much any more.
+void begin_to_page() {
+  const std::lock_guard lock(overflow().mutex);
+  if (most_in_memory.exchange(SIZE_MAX) == SIZE_MAX) return;
+  static_cast<void>(page_to(overflow().folder, overflow().resident));
+}
+
 }  // namespace
 
 Result<void> page_to(const std::filesystem::path& folder, size_t resident) {
@@ -216,27 +235,39 @@ Result<void> page_to(const std::filesystem::path& folder, size_t resident) {
   return {};
 }
 
+void page_beyond(size_t in_memory, const std::filesystem::path& folder, size_t resident) {
+  const std::lock_guard lock(overflow().mutex);
+  overflow().folder = folder;
+  overflow().resident = resident;
+  most_in_memory = in_memory;
+}
+
 size_t paged_bytes() {
   const PageFile* const pages = page_file;
   return pages ? pages->used() : 0;
 }
 
 void* allocate_paged(size_t bytes, size_t alignment) {
+  if (bytes_in_memory + bytes > most_in_memory) begin_to_page();
   PageFile* const pages = page_file;
-  return pages ? pages->allocate(bytes, alignment) : nullptr;
+  void* const block = pages ? pages->allocate(bytes, alignment) : nullptr;
+  if (!block) bytes_in_memory += bytes;
+  return block;
 }
 
 bool free_paged(void* block, size_t bytes) noexcept {
   PageFile* const pages = page_file;
-  if (!pages || !pages->owns(block)) return false;
+  if (!pages || !pages->owns(block)) {
+    bytes_in_memory -= bytes;
+    return false;
+  }
   pages->free(block, bytes);
   return true;
 }
 
 void* allocate_large(size_t bytes) {
-  if (bytes >= kLeastPaged) {
-    if (void* const block = allocate_paged(bytes, kPage)) return block;
-  }
+  if (bytes < kLeastPaged) return ::operator new(bytes, kCacheLine);
+  if (void* const block = allocate_paged(bytes, kPage)) return block;
   if (bytes < kLeastInLargePages || bytes > SIZE_MAX - kLargePage) return ::operator new(bytes, kCacheLine);
   const size_t length = rounded_up(bytes, kLargePage);
   void* const block = ::operator new(length, kLargePageLine);
@@ -246,6 +277,7 @@ void* allocate_large(size_t bytes) {
 }
 
 void free_large(void* block, size_t bytes) noexcept {
+  if (bytes < kLeastPaged) return ::operator delete(block, kCacheLine);
   if (free_paged(block, bytes)) return;
   if (bytes < kLeastInLargePages) return ::operator delete(block, kCacheLine);
   ::operator delete(block, kLargePageLine);

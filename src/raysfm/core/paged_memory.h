@@ -21,13 +21,19 @@ namespace raysfm {
 // Error: internal, where the file system or the system has no such files; nothing is changed then.
 Result<void> page_to(const std::filesystem::path& folder, size_t resident);
 
+// The same for what would take more than `in_memory` bytes at once, and for all after it: until then there is
+// neither file nor thread, and where there can be no file, memory is taken as before. Later calls change the
+// number and where the file will be.
+void page_beyond(size_t in_memory, const std::filesystem::path& folder, size_t resident);
+
 // Bytes of the file that are in use; 0 where there is none.
 size_t paged_bytes();
 
-// `bytes` of the file at a multiple of `alignment`, a power of two; null where there is no file or no room.
+// `bytes` of the file at a multiple of `alignment`, a power of two. Null where there is no file or no room;
+// the caller then takes as many from elsewhere, which is counted.
 void* allocate_paged(size_t bytes, size_t alignment);
-// Gives them back, with the number of bytes that was asked for; false, doing nothing, where they are not of
-// the file.
+// Gives them back, with the number of bytes that was asked for; false, where they are not of the file, and
+// only the count falls.
 bool free_paged(void* block, size_t bytes) noexcept;
 
 // Aligned to a line of the cache; in the file where there is one and the block is large. What of other blocks

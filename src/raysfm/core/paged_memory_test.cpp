@@ -151,6 +151,28 @@ TEST(PagedMemory, IsRefusedWithoutAFolder) {
   });
 }
 
+TEST(PagedMemory, BeginsWhereMoreIsNeededThanMayBeInMemory) {
+  run_alone([] {
+    page_beyond(16 * kMib, testing::TempDir(), kResident);
+    const LargeArray<uint64_t> first = numbers(1, kMib);
+    for (int i = 0; i < 4; ++i) expect_numbers(numbers(2, kMib / 2), 2);  // what is freed does not count
+    EXPECT_EQ(paged_bytes(), 0u);
+    const LargeArray<uint64_t> second = numbers(2, kMib / 2), third = numbers(3, kMib);
+    EXPECT_EQ(paged_bytes(), 8 * kMib);
+    expect_numbers(first, 1);
+    expect_numbers(second, 2);
+    expect_numbers(third, 3);
+  });
+}
+
+TEST(PagedMemory, StaysInMemoryWhereThereCanBeNoFile) {
+  run_alone([] {
+    page_beyond(kMib, "/no/such/folder", kResident);
+    for (uint64_t i = 0; i < 3; ++i) expect_numbers(numbers(i, kMib), i);
+    EXPECT_EQ(paged_bytes(), 0u);
+  });
+}
+
 // Of this process, that the system brought in without reading a file.
 long pages_touched() {
   rusage usage{};
