@@ -464,21 +464,26 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   Checkpoint checkpoint(settings.checkpoint,
                         settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
   if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
-  ViewStream stream(sources->input.streams, tracker.maker(), thread_count(settings.threads),
-                    checkpoint.passed());
+  std::optional<ViewStream> stream;
+  stream.emplace(sources->input.streams, tracker.maker(), thread_count(settings.threads),
+                 checkpoint.passed());
   FrameSource& source = *sources->input.streams[0];
 
   TrackResult out;
-  Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
+  Result<bool> stopped = checkpoint.go_on(*stream, callbacks, tracker);
   if (stopped && !*stopped) {
-    stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
+    stopped = push_all(*stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
                        tracker, checkpoint, watcher);
   }
   if (!stopped) return stopped.error();
   if (tracker.frames() == 0 && !*stopped) {
     return bad_input(fmt::format("{}: no frames", source.description()));
   }
-  if (!*stopped) tell_notes(sources->input, stream, callbacks.event);
+  if (!*stopped) tell_notes(sources->input, *stream, callbacks.event);
+  const StageTiming decode = stream->finish();
+  const int frames_in_input = source.frame_count();
+  stream.reset();  // decoders hold many images, and a result takes memory too
+  sources->input.streams.clear();
 
   std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
   *zoom = tracker.lens_change();
@@ -493,10 +498,10 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   out.reconstruction.range = settings.range;
   if (*stopped) explain_interruption(&out.reconstruction);
   tell_untested(out.reconstruction, callbacks.event, &warnings);
-  out.report = make_report(settings, tracker, *sources, stream.finish());
+  out.report = make_report(settings, tracker, *sources, decode);
   out.report.warnings = std::move(warnings);
   out.report.interrupted = *stopped;
-  out.report.frames_in_input = source.frame_count();
+  out.report.frames_in_input = frames_in_input;
   return out;
 }
 

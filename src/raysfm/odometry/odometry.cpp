@@ -807,6 +807,7 @@ void Odometry::release_views() {
   previous_.reset();
   starter_.reset();
   local_ = {};
+  places_.forget();
   for (SegmentState& s : segments_) s.views = std::vector<KeyFrameView>();
   return_freed_memory();
 }

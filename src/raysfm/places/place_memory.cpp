@@ -129,4 +129,10 @@ void PlaceMemory::renumber(int world, int into, std::span<const int> keyframes) 
   }
 }
 
+void PlaceMemory::forget() {
+  index_ = {};
+  places_ = std::vector<PlaceRef>();
+  hearsay_.reset();
+}
+
 }  // namespace raysfm

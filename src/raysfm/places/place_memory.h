@@ -59,6 +59,9 @@ class PlaceMemory {
   // After join_worlds().
   void renumber(const JoinedWorlds& joined);
 
+  // All places, which frees their memory.
+  void forget();
+
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, index_, places_, hearsay_);
