@@ -159,7 +159,7 @@ const contrasts = () => page.evaluate(() => {
     }
     return [255, 255, 255];
   };
-  const places = ["#side h1", "#side h2", "dt", "dd", ".switches span", "kbd", ".buttons button", ".frames b", ".frames button", ".plot h3 span", "#stages output", "#now", "#play"];
+  const places = ["#side h1", "#side h2", "dt", "dd", ".switches span", "kbd", ".buttons button", ".frames b", ".frames button", ".plot h3 span", "#stages output", "#now", "#play", "button.on", "button.on kbd"];
   return Object.fromEntries(places.map((place) => {
     const e = document.querySelector(place), [a, b] = [light(numbers(getComputedStyle(e).color)), light(behind(e))];
     return [place, (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05)];
@@ -169,9 +169,11 @@ const contrasts = () => page.evaluate(() => {
 async function words() {
   await open();
   await settle();
+  await page.keyboard.press("f");
   seen.light = await contrasts();
   await page.keyboard.press("t");
   seen.dark = await contrasts();
+  await page.keyboard.press("f");
   seen.switches = await page.locator(".switches input + span").allTextContents();
   seen.grid = await page.textContent("#show-grid + span");
   if (!(await page.evaluate(() => window.page.view.byHeight))) await page.keyboard.press("k");

@@ -64,7 +64,7 @@ function chart(plots, { values, joined, band, colour }, box, width) {
   const options = {
     width, height: HEIGHT, legend: { show: false }, padding: [8, 16, 0, 0],
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
-    scales: { x: { time: false } },
+    scales: { x: { time: false, range: plots.range } },
     axes: [frames, numbers],
     series: [{}, { stroke: colour, width: 1.5, spanGaps: !joined, points: { show: !joined && few, size: 4, fill: colour } }, ...(band ? [edge, edge] : [])],
     bands: band ? [{ series: [2, 3], fill: `${colour}55` }] : [],
@@ -95,6 +95,9 @@ export class Plots {
     for (const plot of this.plots) plot.chart?.destroy();
     this.style = dark ? DARK : LIGHT;
     this.x = Array.from({ length: data.total }, (_, i) => i);
+    // Of other worlds there is nothing to see.
+    const [first, last] = [world.index[0] ?? 0, world.index[world.count - 1] ?? 0];
+    this.range = [first, Math.max(last, first + 1)];
     this.keyframes = world.keyframes.frame.length;
     this.plots = seriesOf(data, world).map(([title, unit, values, joined, band], k) => {
       const value = element("output"), name = element("span", { textContent: unit ? `${title} [${unit}]` : title, title: band ? "the band holds it with 90 %" : /σ/.test(title) ? "one standard deviation" : "" });
@@ -117,7 +120,8 @@ export class Plots {
   }
 
   drawNow(u) {
-    const x = u.valToPos(this.now ?? 0, "x", true), { top, height } = u.bbox;
+    if (!(this.now >= this.range[0] && this.now <= this.range[1])) return;
+    const x = u.valToPos(this.now, "x", true), { top, height } = u.bbox;
     u.ctx.fillStyle = this.style.now;
     u.ctx.fillRect(x - 1, top, 2, height);
   }

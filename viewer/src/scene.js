@@ -225,7 +225,8 @@ export class World3d {
   makeGrid(floor) {
     this.grid?.dispose();
     this.grid?.removeFromParent();
-    const { reach } = this, cell = 10 ** Math.floor(Math.log10(reach)), cells = Math.min(60, Math.ceil((6 * reach) / cell));
+    const { reach } = this, power = 10 ** Math.floor(Math.log10(0.4 * reach));
+    const cell = power * [5, 2, 1].find((digit) => digit * power <= 0.4 * reach), cells = Math.ceil((6 * reach) / cell);
     this.cell = cell;
     this.grid = new GridHelper(cell * cells, cells);
     Object.assign(this.grid.material, { vertexColors: false, transparent: true }); // as other thin lines, for one program of the graphics card
