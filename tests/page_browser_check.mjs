@@ -55,9 +55,10 @@ async function large() {
   // From here on time goes as it is told to.
   await page.evaluate(() => (window.requestAnimationFrame = () => 0));
   await settle();
-  const turn = (pictures, between) => page.evaluate(([pictures, between]) => {
+  const turn = (pictures, between, idle = 16) => page.evaluate(([pictures, between, idle]) => {
     const { view } = window.page, counts = [];
     window.clock ??= performance.now() + 1e6;
+    view.idle = idle;
     for (let i = 0; i < pictures; ++i) {
       view.moved = window.clock += between;
       view.thin(window.clock);
@@ -65,12 +66,13 @@ async function large() {
       counts.push(view.points.geometry.drawRange.count);
     }
     return counts;
-  }, [pictures, between]);
+  }, [pictures, between, idle]);
   seen.slow = (await turn(120, 60)).slice(1);
   seen.movingSum = (await drawn()).sum;
   await turn(40, 28);
   seen.steady = await turn(20, 28);
   seen.fast = await turn(200, 16);
+  seen.screen = (await turn(60, 34, 33)).at(-1);
   seen.still = await page.evaluate(() => {
     const { view } = window.page;
     view.thin(window.clock + 1000);

@@ -100,6 +100,8 @@ class InABrowser(ProgramTest):
             self.assertLess(abs(after - before), 0.08 * max(before, after), (before, after))
         # Between 32 and 40 pictures a second nothing changes.
         self.assertEqual(len(set(seen["steady"])), 1)
+        # A screen that shows no more than 30 is no slow machine.
+        self.assertEqual(seen["screen"], POINTS)
         # All of it when it stands still: the same picture as before anybody moved it.
         self.assertEqual(seen["still"], POINTS)
         self.assertNotEqual(seen["movingSum"], seen["stillSum"])

@@ -46,7 +46,7 @@ function placesOf({ pose, count, points }, middle, root) {
   for (let i = 0; i < count; i += Math.max(1, Math.floor(count / 300))) path.push(root.localToWorld(new Vector3().fromArray(pose, 7 * i)));
   const away = (i) => p.fromArray(points.positions, 3 * i).distanceTo(middle);
   const some = Array.from({ length: Math.min(points.count, 2000) }, (_, i) => i); // any beginning is spread evenly
-  const far = some.length ? 1.5 * quantile(some.map(away), 0.8) : 0;
+  const far = some.length ? 2 * quantile(some.map(away), 0.8) : 0;
   for (const i of some) if (away(i) <= far) near.push(root.localToWorld(p.clone()));
   return { path, all: path.concat(near) };
 }
@@ -74,12 +74,12 @@ export function overview(world, middle, least, root, camera, inset) {
   }
   for (let round = 0; round < 4; ++round) {
     const needed = (places) => places.map((p) => v.copy(p).sub(target).dot(to) + Math.max(Math.abs(v.dot(right)) / wide, Math.abs(v.dot(up)) / tall));
-    distance = Math.max(quantile(needed(all), 0.98), ...needed(path), least);
+    distance = Math.max(quantile(needed(all), 0.99), ...needed(path), least);
     // What is nearer is larger: the middle of what is seen is not that of what is there.
     const seen = all.map((p) => (v.copy(p).sub(target), [v.dot(right) / (distance - v.dot(to)), v.dot(up) / (distance - v.dot(to))]));
     const off = (k) => {
       const places = seen.map((s) => s[k]);
-      return ((quantile(places, 0.02) + quantile(places, 0.98)) / 2) * distance;
+      return ((quantile(places, 0.01) + quantile(places, 0.99)) / 2) * distance;
     };
     const [dx, dy] = [off(0), off(1)];
     if (round < 3) target.addScaledVector(right, dx).addScaledVector(up, dy);

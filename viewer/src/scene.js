@@ -51,6 +51,7 @@ export class World3d {
     this.pointSize = 3;
     this.moved = -Infinity; // when it last did, milliseconds
     this.between = SLOW; // milliseconds from picture to picture while it moves, on average
+    this.idle = 0; // the same while nothing is drawn: what the screen does
     this.exaggeration = 1;
     this.inset = 0;
     this.follow = false;
@@ -420,8 +421,9 @@ export class World3d {
   pace(took, count) {
     if (this.whole) return;
     this.between += 0.2 * (Math.min(took, 4 * SLOW) - this.between);
-    if (this.between > SLOW) this.detail = Math.max(this.detail * 0.93, Math.min(1, LEAST_POINTS / count));
-    else if (this.between < FLUENT) this.detail = Math.min(1, this.detail * 1.04);
+    // A screen of 30 pictures a second shows no more of them for fewer points.
+    if (this.between > Math.max(SLOW, 1.2 * this.idle)) this.detail = Math.max(this.detail * 0.93, Math.min(1, LEAST_POINTS / count));
+    else if (this.between < Math.max(FLUENT, 1.1 * this.idle)) this.detail = Math.min(1, this.detail * 1.04);
   }
 
   draw(now = performance.now()) {
@@ -431,6 +433,7 @@ export class World3d {
     this.thin(now);
     const wanted = this.dirty;
     if (wanted) this.renderer.render(this.scene, this.camera);
+    else if (now > this.drawn) this.idle += 0.1 * (Math.min(now - this.drawn, 2 * SLOW) - this.idle);
     this.dirty = false;
     this.drawn = now;
     if (wanted && this.first) {
