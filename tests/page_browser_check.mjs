@@ -79,6 +79,13 @@ async function large() {
     return view.points.geometry.drawRange.count;
   });
   seen.againSum = (await drawn()).sum;
+  const range = () => page.evaluate(() => { const { min, max } = window.page.plots.plots[0].chart.scales.x; return [min, max]; });
+  seen.ranges = [await range()];
+  await page.keyboard.press("f");
+  await page.focus("#world");
+  await page.selectOption("#world", "1");
+  seen.ranges.push(await range());
+  Object.assign(seen, await page.evaluate(() => ({ followed: document.getElementById("follow").classList.contains("on"), focused: document.activeElement.id })));
 }
 
 async function keys() {

@@ -18,7 +18,7 @@ from program import ProgramTest, run
 
 VIEWER = pathlib.Path(sys.argv.pop(2)).resolve()
 CHROMIUM = shutil.which("chromium")
-POINTS, POSES = 300000, 5000
+POINTS, POSES, FEW = 300000, 5000, 40
 BLACK = 12  # a frame that shows nothing
 DATA = re.compile(r'(<script type="application/json" id="data">)(.*?)(</script>)', re.DOTALL)
 OUT = None
@@ -40,26 +40,32 @@ def packed(kind, numbers):
     return base64.b64encode(array.array(kind, numbers).tobytes()).decode()
 
 
-def large_page(html):
-    """The page of `html` with a made-up drive of POSES poses around a block, and POINTS points beside it."""
-    random.seed(1)
-    turn = [2 * math.pi * i / POSES for i in range(POSES)]
-    pose = [x for a in turn for x in (200 * math.sin(a), 0, 120 * math.cos(a), 0, math.sin(a / 2 + math.pi / 4), 0, math.cos(a / 2 + math.pi / 4))]
+def world_of(first, turns, points):
+    """A world of frames from `first` on, one for each of `turns` about a block, and points beside its way."""
+    pose = [x for a in turns for x in (200 * math.sin(a), 0, 120 * math.cos(a), 0, math.sin(a / 2 + math.pi / 4), 0, math.cos(a / 2 + math.pi / 4))]
     xyz = []
-    for _ in range(POINTS):
-        a, far = random.uniform(0, 2 * math.pi), random.choice((0.92, 1.08)) + random.gauss(0, 0.01)
+    for _ in range(points):
+        a, far = random.choice(turns), random.choice((0.92, 1.08)) + random.gauss(0, 0.01)
         xyz += [int(32767 + 15000 * far * math.sin(a)), random.randrange(20000, 35000), int(32767 + 15000 * far * math.cos(a))]
-    key = range(0, POSES, 2)
-    world = {
+    count, key = len(turns), range(0, len(turns), 2)
+    index = range(first, first + count)
+    return {
         "metric": True, "scale_sigma": 0.01,
-        "frames": {"count": POSES, "index": packed("I", range(POSES)), "time": packed("d", [i / 10 for i in range(POSES)]), "pose": packed("f", pose),
-                   "covariance": packed("f", [1e-4, 0, 0, 1e-4, 0, 1e-4] * POSES), "turn": packed("f", [0.01] * POSES), "lens": packed("i", [-1] * POSES)},
+        "frames": {"count": count, "index": packed("I", index), "time": packed("d", [i / 10 for i in index]), "pose": packed("f", pose),
+                   "covariance": packed("f", [1e-4, 0, 0, 1e-4, 0, 1e-4] * count), "turn": packed("f", [0.01] * count), "lens": packed("i", [-1] * count)},
         "keyframes": {"count": len(key), "frame": packed("I", key), "seen": packed("I", [300] * len(key)), "error": packed("f", [0.4] * len(key))},
-        "points": {"count": POINTS, "all": POINTS, "far": 0, "low": [-440, -20, -264], "high": [440, 20, 264], "xyz": packed("H", xyz),
-                   "rgb": packed("B", bytes(random.randrange(60, 220) for _ in range(3 * POINTS)))},
+        "points": {"count": points, "all": points, "far": 0, "low": [-440, -20, -264], "high": [440, 20, 264], "xyz": packed("H", xyz),
+                   "rgb": packed("B", bytes(random.randrange(60, 220) for _ in range(3 * points)))},
     }
+
+
+def large_page(html):
+    """The page of `html` with a made-up drive of POSES poses around a block, POINTS points beside it, and a second world of FEW frames."""
+    random.seed(1)
+    turns = [2 * math.pi * i / POSES for i in range(POSES)]
     data = json.loads(DATA.search(html).group(2))
-    data |= {"title": "drive", "total": POSES, "posed": POSES, "missing": [], "worlds": [world]}
+    data |= {"title": "drive", "total": POSES + FEW, "posed": POSES + FEW, "missing": [],
+             "worlds": [world_of(0, turns, POINTS), world_of(POSES, turns[:FEW], 100)]}
     return DATA.sub(lambda found: found.group(1) + json.dumps(data) + found.group(3), html)
 
 
@@ -106,6 +112,9 @@ class InABrowser(ProgramTest):
         self.assertEqual(seen["still"], POINTS)
         self.assertNotEqual(seen["movingSum"], seen["stillSum"])
         self.assertEqual(seen["againSum"], seen["stillSum"])
+        # Another world: its own frames in the charts, and what was on or had the focus still is and has it.
+        self.assertEqual(seen["ranges"], [[0, POSES - 1], [POSES, POSES + FEW - 1]])
+        self.assertEqual((seen["followed"], seen["focused"]), (True, "world"))
 
     def test_without_a_mouse(self):
         seen = self.look("keys", OUT / "report.html")

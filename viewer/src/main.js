@@ -46,7 +46,11 @@ function endPictures() {
 
 function side() {
   const acts = { toggle, colourByHeight, exaggerate, toggleFollow, home, toggleMeasure, toggleTheme, seek, showWorld, help: () => $("help").showModal() };
+  const focused = document.activeElement.id;
   $("side").replaceChildren(...panel({ data, world: world(), number: state.world, view, acts }));
+  press("follow", view.follow);
+  press("measure", state.measuring);
+  if (focused) $(focused)?.focus();
   legend();
 }
 
@@ -61,17 +65,19 @@ function bar() {
     oninput: () => scrub(Number(slider.value)) });
   slider.setAttribute("aria-label", "frame");
   const play = element("button", { id: "play", type: "button", textContent: "▶", title: "play (space)", ariaLabel: "play", onclick: togglePlay });
-  const track = element("div", { className: "track" }, element("canvas", { id: "strip" }), slider);
+  const track = element("div", { className: "track" }, element("canvas", { id: "strip", title: STRIP.map(([, name, meaning]) => `${name}: ${meaning}`).join("\n") }), slider);
   $("bar").replaceChildren(play, track, element("output", { id: "now" }));
 }
 
-// Which frames have a pose, and which are key frames.
+// Colours of frames above the slider, by what is known of them.
+const STRIP = [["#1f6feb", "blue", "with a pose"], ["#d99a1f", "amber", "only seen to turn"], ["#d64545", "red", "without a pose"], ["#8884", "grey", "of another world"]];
+
 function strip() {
   const canvas = $("strip"), width = (canvas.width = canvas.clientWidth * devicePixelRatio), height = (canvas.height = 6 * devicePixelRatio);
   const context = canvas.getContext("2d", { willReadFrequently: true }), w = world(); // as in plots.js
   for (let x = 0; x < width; ++x) {
     const frame = Math.min(data.total - 1, Math.floor((x / width) * data.total));
-    context.fillStyle = w.at[frame] >= 0 ? (data.isHeld[frame] ? "#d99a1f" : "#1f6feb") : data.reasons[frame] ? "#d64545" : "#8884";
+    [context.fillStyle] = STRIP[w.at[frame] >= 0 ? data.isHeld[frame] : data.reasons[frame] ? 2 : 3];
     context.fillRect(x, 0, 1, height);
   }
 }
