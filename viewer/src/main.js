@@ -336,7 +336,7 @@ function build() {
     view = new World3d($("canvas"), data);
   } catch {
     document.body.className = "empty";
-    $("empty").textContent = "This browser draws no WebGL, which the page needs.";
+    $("empty").textContent = "This browser draws no WebGL, which the page needs: its settings may call it hardware acceleration.";
     return false;
   }
   plots = new Plots($("plots"), (frame) => scrub(frame));

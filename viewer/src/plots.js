@@ -8,6 +8,7 @@ const DARK = { axis: "#9aa4b2", grid: "#232a35", now: "#3fdd78", series: ["#4fb8
 const NINETY = 1.6449; // 90 % of a normal distribution lie within so many standard deviations
 const HEIGHT = 110; // pixels of a chart; style.css keeps room for it
 const MOST_DOTS = 200; // more key frames are a line only
+const STEPS = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((power) => [1, 2, 5].map((digit) => digit * 10 ** power)); // from tick to tick, in frames
 
 // [title, unit, values by frame of the input, joined or only dots, half the width of a band about them]
 export function seriesOf(data, world) {
@@ -56,7 +57,7 @@ function onPlainCanvas(make) {
 
 function chart(plots, { values, joined, band, colour }, box, width) {
   const { style } = plots, axis = { stroke: style.axis, grid: { stroke: style.grid, width: 1 }, ticks: { stroke: style.grid, size: 5 }, gap: 3, font: "11px system-ui" };
-  const frames = { ...axis, size: 22, values: (u, ticks) => ticks.map((t, i) => (i === 0 ? `frame ${t}` : t)) };
+  const frames = { ...axis, size: 22, incrs: STEPS, values: (u, ticks) => ticks.map((t, i) => (i === 0 ? `frame ${t}` : t)) };
   const numbers = { ...axis, space: 24, values: (u, ticks) => ticks.map((t) => digits(t, 1)),
     size: (u, texts) => 12 + 6.5 * Math.max(4, ...(texts ?? []).map((text) => text.length)) };
   const edge = { stroke: `${colour}88`, width: 1, points: { show: false } };

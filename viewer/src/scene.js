@@ -317,7 +317,7 @@ export class World3d {
   // The whole of it.
   home() {
     this.touched = false;
-    const { target, to, distance } = overview(this.world, this.middle, this.reach * 0.05, this.root, this.camera, this.inset);
+    const { target, to, distance } = overview(this.world, this.middle, 0.3 * this.reach, this.root, this.camera, this.inset);
     this.controls.target.copy(target);
     this.camera.position.copy(target).addScaledVector(to, distance);
     this.distance = distance;
