@@ -96,7 +96,7 @@ class InABrowser(ProgramTest):
         self.assertGreater(seen["partOfAll"], 0.05)
         self.assertEqual(seen["plain"], [True] * 4)
         self.assertEqual(seen["plotPixels"], [True] * 4)
-        # Processor time of the page's own thread; 0.5 s where this was written.
+        # Processor time of the page's own thread.
         self.assertLess(seen["seconds"], 2.5)
 
         # The slower the machine, the less is drawn while the view moves, in steps that nobody sees.
