@@ -40,6 +40,7 @@ seen.title = await page.title();
 seen.heading = await text("#side h1");
 seen.bold = await page.locator("#side h1 *").count();
 seen.start = await drawn();
+await page.waitForFunction(() => [...document.querySelectorAll(".plot")].every((p) => p.querySelector("canvas")));
 seen.plots = await page.locator(".plot").count();
 seen.plotPixels = await page.evaluate(() => [...document.querySelectorAll(".plot canvas")].map((c) =>
   c.getContext("2d").getImageData(0, 0, c.width, c.height).data.some((v) => v)));

@@ -1,6 +1,7 @@
 // What page_data.cpp wrote, with its arrays unpacked.
 
 function bytesOf(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const binary = atob(text);
   const bytes = new Uint8Array(binary.length);
   for (let i = 0; i < bytes.length; ++i) bytes[i] = binary.charCodeAt(i);
@@ -17,11 +18,14 @@ function readPoints(json) {
   const positions = new Float32Array(3 * count), colours = new Uint8Array(3 * count);
   let step = Math.max(1, Math.round(0.618 * count));
   while (common(step, count) > 1) ++step;
-  for (let i = 0, from = 0; i < count; ++i, from = (from + step) % count) {
-    for (let axis = 0; axis < 3; ++axis) {
-      positions[3 * i + axis] = json.low[axis] + (quantised[3 * from + axis] / 65535) * (json.high[axis] - json.low[axis]);
-      colours[3 * i + axis] = rgb[3 * from + axis];
-    }
+  const [x0, y0, z0] = json.low, [dx, dy, dz] = json.high.map((high, axis) => (high - json.low[axis]) / 65535);
+  for (let to = 0, from = 0; to < 3 * count; to += 3, from = (from + 3 * step) % (3 * count)) {
+    positions[to] = x0 + quantised[from] * dx;
+    positions[to + 1] = y0 + quantised[from + 1] * dy;
+    positions[to + 2] = z0 + quantised[from + 2] * dz;
+    colours[to] = rgb[from];
+    colours[to + 1] = rgb[from + 1];
+    colours[to + 2] = rgb[from + 2];
   }
   return { count, all: json.all, far: json.far, positions, colours };
 }
@@ -52,6 +56,15 @@ function readWorld(json, total) {
 export function digits(x, places = 2) {
   const plain = x === 0 || (Math.abs(x) < 1e6 && Math.abs(x) >= 1e-3);
   return plain ? String(Number(x.toPrecision(4))) : x.toExponential(places);
+}
+
+// With a comma at each thousand.
+export const counted = (n) => n.toLocaleString("en");
+
+// So much of the numbers is smaller.
+export function quantile(numbers, share) {
+  const sorted = Float64Array.from(numbers).sort();
+  return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
 }
 
 export function readData(text = document.getElementById("data").textContent) {

@@ -1,65 +1,32 @@
 // Ties the view, the plots and the controls together.
-import { digits, readData } from "./data.js";
+import { readData } from "./data.js";
+import { $, element } from "./dom.js";
 import { Live } from "./live.js";
+import { heightLegend, lengthOf, panel, TOGGLES } from "./panel.js";
 import { Pictures } from "./pictures.js";
 import { Plots } from "./plots.js";
 import { World3d } from "./scene.js";
 
 let data = readData();
-const $ = (id) => document.getElementById(id);
 // `newest`: of a run under way, the newest frame is shown whenever there is one.
 const state = { frame: 0, world: 0, playing: false, measuring: false, places: [], theme: "light", live: data.live, newest: data.live };
 let view, plots, pictures;
 
-// Text goes in as text: names may hold anything.
-function element(tag, properties = {}, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
-}
-
 const world = () => data.worlds[state.world];
-const length = (x) => (world().metric ? `${digits(x)} m` : `${digits(x)} units`);
-
-function facts() {
-  const w = world(), p = w.points;
-  let path = 0;
-  for (let i = 1; i < w.count; ++i) {
-    if (w.index[i] - w.index[i - 1] === 1) path += view.position(i).distanceTo(view.position(i - 1));
-  }
-  const rows = [
-    ["command", data.command],
-    ["with a pose", `${data.posed} of ${data.total} frames`],
-    ["key frames", String(w.keyframes.frame.length)],
-    ["points", p.count < p.all ? `${p.all}, ${p.count} of them shown` : String(p.all)],
-    ["path", length(path)],
-    ["scale", w.metric ? "metric" : "arbitrary"],
-  ];
-  if (p.far > 0) rows.push(["far points", `${p.far} not shown`]);
-  if (w.metric && w.scaleSigma) rows.push(["scale known to", `${digits(100 * w.scaleSigma)} %`]);
-  if (data.rms > 0) rows.push(["reprojection", `${digits(data.rms)} px rms`]);
-  if (data.cameras.length) rows.push(["cameras", data.cameras.map((c) => c.name || "camera").join(", ")]);
-  if (data.lenses.length === 1 && data.lenses[0].focal) rows.push(["focal length", `${digits(data.lenses[0].focal[0])} px`]);
-  if (data.lenses.length > 1) rows.push(["lenses", String(data.lenses.length)]);
-  return element("dl", {}, ...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
-}
-
-const TOGGLES = [
-  ...(data.mesh ? [["surface", "S", "surface"]] : []),
-  ["points", "P", "points"], ["path", "L", "path"], ["cameras", "C", "key frames"], ["closures", "O", "closures"],
-  ["ellipsoids", "E", "90 % ellipsoids"], ["rays", "R", "rays of the camera"], ["grid", "G", "grid"],
-];
 
 function toggle(name) {
-  view.shown[name] = !view.shown[name];
+  const box = $(`show-${name}`);
+  if (!box) return; // there is none
+  view.shown[name] = box.checked = !view.shown[name];
   view.apply();
-  $(`show-${name}`).checked = view.shown[name];
+  legend();
 }
 
 function colourByHeight(on) {
   view.byHeight = on;
   view.colourPoints();
   $("heights").checked = on;
+  legend();
 }
 
 function togglePictures() {
@@ -77,75 +44,40 @@ function endPictures() {
   if (view) view.inset = 0;
 }
 
-// A list whose entries go to a frame.
-function frameList(id, title, entries) {
-  if (!entries.length) return [];
-  const items = entries.slice(0, 200).map(([frame, bold, text]) =>
-    element("li", { onclick: () => seek(frame) }, element("b", { textContent: bold }), ` ${text}`));
-  return [element("h2", { textContent: title }), element("ul", { id, className: "frames" }, ...items)];
-}
-
-const closures = () => data.closures.map((c) => [c.frame, `${c.frame}`,
-  `${c.joined ? "joins the world of" : "sees what was seen in"} ${c.with < 0 ? "an earlier run" : c.with}, ${c.inliers} points`]);
-const runText = (run) => (run.first === run.last ? `${run.first}` : `${run.first} to ${run.last}`);
-const missing = () => data.missing.map((run) => [run.first, runText(run), run.reason]);
-const held = () => data.held.map((run) => [run.first, runText(run), "where it is, is not known"]);
-
-// Mean time of each stage of the run, as bars.
-function stageTimes() {
-  const stages = data.stages.filter((s) => s.mean > 0);
-  if (!stages.length) return [];
-  const total = (s) => s.mean * s.count, most = Math.max(...stages.filter((s) => s.name !== "frame").map(total), 1e-9);
-  const rows = stages.map((s) => {
-    const bar = element("i");
-    bar.style.width = `${Math.min(100, (100 * total(s)) / most)}%`;
-    const title = `${s.count} times, ${digits(s.mean)} ms on average, ${digits(s.max)} ms at most`;
-    return element("div", { title }, element("span", { textContent: s.name }), element("b", {}, bar), element("output", { textContent: `${digits(s.mean)} ms` }));
-  });
-  return [element("h2", { textContent: "time per stage" }), element("div", { id: "stages" }, ...rows)];
-}
-
 function side() {
-  const box = $("side");
-  box.replaceChildren(element("h1", { textContent: data.title, title: data.title }));
-  if (data.worlds.length > 1) {
-    const options = data.worlds.map((w, i) => element("option", { value: i, textContent: `${i === 0 ? "main world" : `world ${i}`}, ${w.count} frames` }));
-    const select = element("select", { id: "world", onchange: () => showWorld(Number(select.value)) }, ...options);
-    select.value = state.world;
-    box.append(select);
-  }
-  box.append(facts());
-  const switches = TOGGLES.map(([name, key, label]) =>
-    element("label", {}, element("input", { type: "checkbox", id: `show-${name}`, checked: view.shown[name], onchange: () => toggle(name) }),
-      element("span", { textContent: label }), element("kbd", { textContent: key })));
-  const factor = element("select", { id: "exaggeration", onchange: () => exaggerate(Number(factor.value)) },
-    ...[1, 10, 100, 1000].map((x) => element("option", { value: x, textContent: x === 1 ? "true size" : `${x} times as large` })));
-  factor.value = view.exaggeration;
-  box.append(element("div", { className: "switches" }, ...switches, element("label", {}, element("span", { textContent: "ellipsoids" }), factor),
-    element("label", {}, element("input", { type: "checkbox", id: "heights", checked: view.byHeight, onchange: (e) => colourByHeight(e.target.checked) }),
-      element("span", { textContent: "colour by height" }), element("kbd", { textContent: "K" }))));
-  const button = (id, text, key, act) => element("button", { id, onclick: act }, text, element("kbd", { textContent: key }));
-  box.append(element("div", { className: "buttons" }, button("follow", "follow", "F", toggleFollow), button("home", "overview", "H", home),
-    button("measure", "measure", "M", toggleMeasure), button("theme", "theme", "T", toggleTheme), button("keys", "keys", "?", () => $("help").showModal())));
-  box.append(...frameList("missing", "without a pose", missing()), ...frameList("held", "only seen to turn", held()), ...frameList("closures", "places seen again", closures()), ...stageTimes());
+  const acts = { toggle, colourByHeight, exaggerate, toggleFollow, home, toggleMeasure, toggleTheme, seek, showWorld, help: () => $("help").showModal() };
+  const focused = document.activeElement.id;
+  $("side").replaceChildren(...panel({ data, world: world(), number: state.world, view, acts }));
+  press("follow", view.follow);
+  press("measure", state.measuring);
+  if (focused) $(focused)?.focus();
+  legend();
+}
+
+// Of the colours of points.
+function legend() {
+  $("legend").hidden = !view.byHeight || !view.shown.points;
+  $("legend").replaceChildren(...heightLegend(world(), view.heights));
 }
 
 function bar() {
   const slider = element("input", { id: "slider", type: "range", min: 0, max: Math.max(0, data.total - 1), step: 1, value: 0,
     oninput: () => scrub(Number(slider.value)) });
   slider.setAttribute("aria-label", "frame");
-  const play = element("button", { id: "play", textContent: "▶", title: "play (space)", onclick: togglePlay });
-  const track = element("div", { className: "track" }, element("canvas", { id: "strip" }), slider);
+  const play = element("button", { id: "play", type: "button", textContent: "▶", title: "play (space)", ariaLabel: "play", onclick: togglePlay });
+  const track = element("div", { className: "track" }, element("canvas", { id: "strip", title: STRIP.map(([, name, meaning]) => `${name}: ${meaning}`).join("\n") }), slider);
   $("bar").replaceChildren(play, track, element("output", { id: "now" }));
 }
 
-// Which frames have a pose, and which are key frames.
+// Colours of frames above the slider, by what is known of them.
+const STRIP = [["#1f6feb", "blue", "with a pose"], ["#d99a1f", "amber", "only seen to turn"], ["#d64545", "red", "without a pose"], ["#8884", "grey", "of another world"]];
+
 function strip() {
   const canvas = $("strip"), width = (canvas.width = canvas.clientWidth * devicePixelRatio), height = (canvas.height = 6 * devicePixelRatio);
-  const context = canvas.getContext("2d"), w = world();
+  const context = canvas.getContext("2d", { willReadFrequently: true }), w = world(); // as in plots.js
   for (let x = 0; x < width; ++x) {
     const frame = Math.min(data.total - 1, Math.floor((x / width) * data.total));
-    context.fillStyle = w.at[frame] >= 0 ? (data.isHeld[frame] ? "#d99a1f" : "#1f6feb") : data.reasons[frame] ? "#d64545" : "#8884";
+    [context.fillStyle] = STRIP[w.at[frame] >= 0 ? data.isHeld[frame] : data.reasons[frame] ? 2 : 3];
     context.fillRect(x, 0, 1, height);
   }
 }
@@ -181,13 +113,19 @@ function seek(frame) {
 function togglePlay() {
   state.playing = !state.playing;
   if (state.playing && state.frame >= data.total - 1) seek(0);
-  $("play").textContent = state.playing ? "❚❚" : "▶";
+  Object.assign($("play"), { textContent: state.playing ? "❚❚" : "▶", ariaLabel: state.playing ? "stop" : "play" });
+  $("now").ariaLive = state.playing ? "off" : "polite";
+}
+
+function press(id, on) {
+  $(id).classList.toggle("on", on);
+  $(id).ariaPressed = on;
 }
 
 function toggleFollow() {
   view.follow = !view.follow;
   view.dirty = true;
-  $("follow").classList.toggle("on", view.follow);
+  press("follow", view.follow);
 }
 
 function home() {
@@ -204,7 +142,7 @@ function exaggerate(factor) {
 function toggleMeasure() {
   state.measuring = !state.measuring;
   place([]);
-  $("measure").classList.toggle("on", state.measuring);
+  press("measure", state.measuring);
   $("hint").textContent = state.measuring ? "click two points or cameras" : "";
 }
 
@@ -213,7 +151,7 @@ function place(places) {
   view.mark(places);
   $("labels").replaceChildren();
   if (places.length === 2) {
-    $("labels").append(element("div", { id: "distance", textContent: length(places[0].distanceTo(places[1])) }));
+    $("labels").append(element("div", { id: "distance", textContent: lengthOf(world(), places[0].distanceTo(places[1])) }));
     $("hint").textContent = "";
   }
   placeLabel();
@@ -245,11 +183,11 @@ function resize() {
 function showWorld(number, keep = false) {
   state.world = number;
   view.now = -1;
+  plots.show(data, world(), state.theme === "dark");
   view.resize($("view").clientWidth, $("view").clientHeight);
   view.show(world(), keep);
-  plots.show(data, world(), state.theme === "dark");
   side();
-  resize();
+  strip();
   if (state.newest) return showNewest();
   const own = keep || world().at[state.frame] >= 0 ? state.frame : world().index[0] ?? 0;
   seek(own);
@@ -306,33 +244,45 @@ function listen() {
   window.page = { ...window.page, live };
 }
 
-const KEYS = {
-  " ": ["space", "play and stop", togglePlay],
-  ArrowRight: ["→", "next frame; ten with shift", (e) => scrub(state.frame + (e.shiftKey ? 10 : 1))],
-  ArrowLeft: ["←", "frame before", (e) => scrub(state.frame - (e.shiftKey ? 10 : 1))],
-  Home: ["home", "first frame", () => scrub(0)],
-  End: ["end", "last frame", () => scrub(data.total - 1)],
-  k: ["K", "points by height, or as in the images", () => colourByHeight(!view.byHeight)],
-  v: ["V", "picture of the frame on and off", togglePictures],
-  f: ["F", "follow the camera, or orbit freely", toggleFollow],
-  h: ["H", "the whole path", home],
-  m: ["M", "measure between two points", toggleMeasure],
-  t: ["T", "light and dark", toggleTheme],
-  "+": ["+", "larger points", () => ((view.pointSize = Math.min(12, view.pointSize + 1)), view.apply())],
-  "-": ["−", "smaller points", () => ((view.pointSize = Math.max(1, view.pointSize - 1)), view.apply())],
-  "?": ["?", "this list", () => $("help").showModal()],
-};
-for (const [name, key, label] of TOGGLES) KEYS[key.toLowerCase()] = [key, `${label} on and off`, () => toggle(name)];
+function turn(right, upwards, nearer) {
+  if (view.follow) toggleFollow();
+  view.turn(0.12 * right, 0.12 * upwards, nearer);
+}
+
+// By what the browser calls them: what the list calls them, what they do; keys of one row of the list come after each other.
+const KEYS = new Map([
+  [" ", ["space", "play and stop", togglePlay]],
+  ["ArrowRight", ["← →", "frame before and next; ten with shift", (e) => scrub(state.frame + (e.shiftKey ? 10 : 1))]],
+  ["ArrowLeft", ["", "", (e) => scrub(state.frame - (e.shiftKey ? 10 : 1))]],
+  ["Home", ["home end", "first and last frame", () => scrub(0)]],
+  ["End", ["", "", () => scrub(data.total - 1)]],
+  ["4", ["4 6 8 2", "turn the view", () => turn(-1, 0)]],
+  ["6", ["", "", () => turn(1, 0)]],
+  ["8", ["", "", () => turn(0, 1)]],
+  ["2", ["", "", () => turn(0, -1)]],
+  ["9", ["9 3", "nearer and farther", () => turn(0, 0, 1.15)]],
+  ["3", ["", "", () => turn(0, 0, 1 / 1.15)]],
+  ["f", ["F", "follow the camera, or orbit freely", toggleFollow]],
+  ["h", ["H", "the whole path", home]],
+  ["m", ["M", "measure between two points", toggleMeasure]],
+  ["v", ["V", "picture of the frame on and off", togglePictures]],
+  ["k", ["K", "points by height, or as in the images", () => colourByHeight(!view.byHeight)]],
+  ...TOGGLES.map(([name, key, label]) => [key.toLowerCase(), [key, `${label} on and off`, () => toggle(name)]]),
+  ["+", ["+ −", "larger and smaller points", () => ((view.pointSize = Math.min(12, view.pointSize + 1)), view.apply())]],
+  ["-", ["", "", () => ((view.pointSize = Math.max(1, view.pointSize - 1)), view.apply())]],
+  ["t", ["T", "light and dark", toggleTheme]],
+  ["?", ["?", "this list", () => $("help").showModal()]],
+]);
 
 function keyboard() {
-  const rows = Object.values(KEYS).map(([key, label]) => element("div", {}, element("kbd", { textContent: key }), element("span", { textContent: label })));
+  const rows = [...KEYS.values()].filter(([, label]) => label).map(([key, label]) => element("div", {}, element("kbd", { textContent: key }), element("span", { textContent: label })));
   $("help").replaceChildren(element("h2", { textContent: "Keys" }), ...rows,
     element("p", { textContent: "Drag to turn, right button or two fingers to shift, wheel to come nearer." }));
   $("help").addEventListener("click", () => $("help").close());
   addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
-    if (!view) return;
-    const known = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!view || event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    if (event.key === " " && event.target.matches("button, input[type=checkbox]")) return; // presses it
+    const known = KEYS.get(event.key.length === 1 ? event.key.toLowerCase() : event.key);
     if (!known || $("help").open) return;
     event.preventDefault();
     known[2](event);
@@ -386,7 +336,7 @@ function build() {
     view = new World3d($("canvas"), data);
   } catch {
     document.body.className = "empty";
-    $("empty").textContent = "This browser draws no WebGL, which the page needs.";
+    $("empty").textContent = "This browser draws no WebGL, which the page needs: its settings may call it hardware acceleration.";
     return false;
   }
   plots = new Plots($("plots"), (frame) => scrub(frame));

@@ -252,7 +252,16 @@ Result<Reconstruction> read_all(const fs::path& folder, const Json& report) {
 }  // namespace
 
 Result<Reconstruction> read_reconstruction(const fs::path& folder) {
+  std::error_code failure;
+  if (fs::exists(folder, failure) && !fs::is_directory(folder, failure)) {
+    return bad_input(
+        fmt::format("{}: not a folder; that of a result of track, solve or adjust is one", folder.string()));
+  }
   const fs::path path = folder / "report.json";
+  if (!fs::exists(path, failure)) {
+    return bad_input(
+        fmt::format("{}: no such file; a result of track, solve or adjust has one", path.string()));
+  }
   const Result<std::string> text = read_text_file(path, kMaxReportBytes);
   if (!text) return text.error();
   try {

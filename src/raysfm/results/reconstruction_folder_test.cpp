@@ -312,7 +312,10 @@ TEST(ReconstructionFolder, DamagedFoldersAreNamed) {
     const Result<Reconstruction> read = read_reconstruction(folder.path());
     return read.ok() ? std::string() : read.error().message;
   };
-  EXPECT_NE(message().find("report.json: no such file"), std::string::npos);
+  EXPECT_NE(message().find("report.json: no such file; a result"), std::string::npos);
+  const Result<Reconstruction> of_a_file = read_reconstruction(folder.file("map.ply", "ply\n"));
+  ASSERT_FALSE(of_a_file.ok());
+  EXPECT_NE(of_a_file.error().message.find("map.ply: not a folder"), std::string::npos);
   folder.file("report.json", "{}");
   EXPECT_NE(message().find("not the report of a run"), std::string::npos);
   ASSERT_TRUE(write_output_folder(uneven_reconstruction(1, false), {}, "", folder.path()).ok());
