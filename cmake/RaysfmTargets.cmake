@@ -17,7 +17,7 @@ function(raysfm_add_library folder)
   if(RAYSFM_SANITIZE)
     raysfm_without_ceres(tests ARG_TEST_DEPENDS)
   endif()
-  raysfm_keep_apart(${sources})
+  raysfm_keep_apart(${sources} ${tests})
 
   set(target raysfm_${folder})
   if(sources)
@@ -38,12 +38,7 @@ function(raysfm_add_library folder)
 
   if(RAYSFM_BUILD_TESTS AND tests)
     add_executable(${folder}_test ${tests})
-    target_include_directories(${folder}_test PRIVATE ${PROJECT_SOURCE_DIR}/tests)
-    target_compile_definitions(${folder}_test PRIVATE
-      RAYSFM_SHARED_DATA_DEFAULT="${PROJECT_SOURCE_DIR}/../shared/data")
-    target_link_libraries(${folder}_test PRIVATE ${target} ${ARG_TEST_DEPENDS} GTest::gtest_main)
-    # Tests name their fixtures alike: each keeps its translation unit.
-    set_target_properties(${folder}_test PROPERTIES UNITY_BUILD OFF)
+    target_link_libraries(${folder}_test PRIVATE ${target} ${ARG_TEST_DEPENDS} raysfm_test_support GTest::gtest_main)
     raysfm_compile_options(${folder}_test)
     gtest_discover_tests(${folder}_test TEST_PREFIX "${folder}/" DISCOVERY_TIMEOUT 60
                          PROPERTIES TIMEOUT 600)

@@ -1,11 +1,14 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <span>
 #include <string>
 
 #include "raysfm/core/random.h"
+#include "raysfm/core/result.h"
 
 namespace raysfm::testing_support {
 
@@ -38,6 +41,13 @@ inline std::string damaged(std::string text, std::span<const std::string> pieces
     }
   }
   return text;
+}
+
+// What is wrong with an input is said in one line.
+inline void expect_line(const Error& error) {
+  ASSERT_EQ(error.kind, ErrorKind::kBadInput) << error.message;
+  ASSERT_FALSE(error.message.empty());
+  ASSERT_EQ(error.message.find('\n'), std::string::npos) << error.message;
 }
 
 }  // namespace raysfm::testing_support

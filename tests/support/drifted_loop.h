@@ -9,8 +9,11 @@
 #include "raysfm/core/random.h"
 #include "raysfm/geometry/similarity.h"
 #include "raysfm/places/graph_edge.h"
+#include "support/random_vectors.h"
 
 namespace raysfm::test {
+
+using testing_support::normal_vector;
 
 // A camera that comes back to where it began, as an odometry that drifts would tell it.
 struct DriftedLoop {
@@ -26,10 +29,6 @@ struct LoopSettings {
   double noise_translation = 1e-2;
   bool scale_is_known = false;
 };
-
-inline Eigen::Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
 
 // A wavy circle, one unit from node to node, looking ahead.
 inline Similarity3 node_on_loop(int i, int nodes) {

@@ -119,7 +119,7 @@ inline std::string jpeg_with_exif(const std::string& tiff) {
   return file + "\xff\xd9";
 }
 
-inline std::string png_chunk(const std::string& type, const std::string& data) {
+inline std::string chunk_of_png(const std::string& type, const std::string& data) {
   std::string chunk;
   TiffWriter(true).number(&chunk, static_cast<uint32_t>(data.size()), 4);
   chunk += type + data;
@@ -133,8 +133,8 @@ inline std::string png_chunk(const std::string& type, const std::string& data) {
 }
 
 inline std::string png_with_exif(const std::string& tiff) {
-  return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", std::string(13, '\0')) + png_chunk("eXIf", tiff) +
-         png_chunk("IEND", "");
+  return "\x89PNG\r\n\x1a\n" + chunk_of_png("IHDR", std::string(13, '\0')) + chunk_of_png("eXIf", tiff) +
+         chunk_of_png("IEND", "");
 }
 
 }  // namespace raysfm::testing_support

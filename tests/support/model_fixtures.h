@@ -118,4 +118,12 @@ inline Camera fixture_camera(CameraModel model) {
   return camera;
 }
 
+// Every 16th pixel of an image of 640 times 480, the borders among them.
+template <typename Visit>
+void for_each_pixel(Visit visit) {
+  for (double v = -0.5; v <= 479.5; v += 16) {
+    for (double u = -0.5; u <= 639.5; u += 16) visit(Eigen::Vector2d(u, v));
+  }
+}
+
 }  // namespace raysfm::testing_support

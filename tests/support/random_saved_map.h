@@ -7,22 +7,19 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/saved_map/saved_map.h"
+#include "support/random_vectors.h"
 
 namespace raysfm::testing_support {
 
-inline Eigen::Vector3d random_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
 inline Rigid3 random_pose(Rng& rng) {
-  return {exp_so3(random_vector(rng)), 10 * random_vector(rng)};
+  return {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)};
 }
 
 inline ObservedRay random_ray(Rng& rng) {
   ObservedRay ray;
-  ray.origin = random_vector(rng);
-  ray.direction = random_vector(rng).normalized();
-  for (const int row : {0, 1}) ray.tangents.row(row) = random_vector(rng);
+  ray.origin = normal_vector(rng);
+  ray.direction = normal_vector(rng).normalized();
+  for (const int row : {0, 1}) ray.tangents.row(row) = normal_vector(rng);
   return ray;
 }
 
@@ -67,7 +64,7 @@ inline void add_random_tracks(int tracks, Rng& rng, Map* map) {
       map->free_tracks.insert(map->free_tracks.begin(), t);
       continue;
     }
-    track.position = 100 * random_vector(rng);
+    track.position = 100 * normal_vector(rng);
     track.triangulated = rng.index(2) == 1;
     track.had_position = rng.index(2) == 1;
     for (uint8_t& channel : track.rgb) channel = static_cast<uint8_t>(rng.index(256));

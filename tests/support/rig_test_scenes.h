@@ -8,13 +8,12 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/robust/generic_start.h"
+#include "support/random_vectors.h"
 
 // Three views of made-up rigs with known motion, for tests and benchmarks of the generic start.
 namespace raysfm::rig_scenes {
 
-inline Eigen::Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using testing_support::normal_vector;
 
 enum class Kind {
   kCentral,      // one pinhole, not at the rig's origin

@@ -1,16 +1,12 @@
 #pragma once
 
-#include <cstdlib>
 #include <filesystem>
 
 namespace raysfm::testing_support {
 
 // Real data that are not part of the project. RAYSFM_SHARED_DATA names their folder; without it the folder
 // ../shared/data beside the project is used.
-inline std::filesystem::path shared_data(const std::filesystem::path& relative) {
-  const char* from_environment = std::getenv("RAYSFM_SHARED_DATA");
-  return std::filesystem::path(from_environment ? from_environment : RAYSFM_SHARED_DATA_DEFAULT) / relative;
-}
+std::filesystem::path shared_data(const std::filesystem::path& relative);
 
 }  // namespace raysfm::testing_support
 

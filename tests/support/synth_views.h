@@ -50,4 +50,10 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
   return out;
 }
 
+// About 3 m along a corridor.
+inline const SynthViews& corridor() {
+  static const SynthViews views = synth_views("corridor", "drive", 30);
+  return views;
+}
+
 }  // namespace raysfm::testing_support

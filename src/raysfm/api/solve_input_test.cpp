@@ -245,7 +245,7 @@ TEST_F(SolveInputTest, ExifOfPhotosIsNamedAndThatOfACropNotUsed) {
     ASSERT_TRUE(write_png(path, picture(320, 240, 3 * i).view()));
     std::string bytes = *read_text_file(path, 1 << 24);
     const testing_support::ExifText text{.maker = "Acme", .focal_35mm = 26, .width = 320, .height = 240};
-    bytes.insert(kHead, testing_support::png_chunk("eXIf", testing_support::exif_bytes(text, i == 0)));
+    bytes.insert(kHead, testing_support::chunk_of_png("eXIf", testing_support::exif_bytes(text, i == 0)));
     std::ofstream(path, std::ios::binary) << bytes;
   }
   SolveSettings images;

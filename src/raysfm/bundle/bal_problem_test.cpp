@@ -17,12 +17,12 @@ BalProblem disturbed_road(int cameras = 30) {
   return problem;
 }
 
-const BundleOptions kToTheEnd{.max_iterations = 100, .min_relative_decrease = 1e-12};
+const BundleOptions kBalToTheEnd{.max_iterations = 100, .min_relative_decrease = 1e-12};
 
 TEST(BalProblem, ReachesTheOptimumOfCeres) {
   for (const RobustLoss& loss : {RobustLoss{}, RobustLoss{RobustLoss::Kind::kHuber, 1}}) {
     BalProblem ours = disturbed_road(), theirs = ours;
-    BundleOptions options = kToTheEnd;
+    BundleOptions options = kBalToTheEnd;
     options.loss = loss;
     const BundleSummary summary = adjust_bal(&ours, options);
     const auto oracle =
@@ -43,7 +43,7 @@ TEST(BalProblem, ExactPixelsGiveTheTrueLenses) {
   BalProblem problem = truth;
   test::perturb(&problem, 0.002, 0.01, 0.01, 3);
   for (auto& camera : problem.cameras) camera[6] *= 1.02, camera[7] += 0.01;
-  EXPECT_LT(adjust_bal(&problem, kToTheEnd).final_cost, 1e-12);
+  EXPECT_LT(adjust_bal(&problem, kBalToTheEnd).final_cost, 1e-12);
   for (size_t i = 0; i < truth.cameras.size(); ++i) {
     EXPECT_NEAR(problem.cameras[i][6], truth.cameras[i][6], 1e-4);
     EXPECT_NEAR(problem.cameras[i][7], truth.cameras[i][7], 1e-6);
@@ -82,7 +82,7 @@ TEST(BalProblem, BehindTheCameraIsDroppedAndCounted) {
 TEST(BalProblem, StopsWhenToldAndKeepsWhatIsDone) {
   BalProblem problem = disturbed_road(), whole = problem;
   std::vector<IterationInfo> seen;
-  BundleOptions options = kToTheEnd;
+  BundleOptions options = kBalToTheEnd;
   options.progress = [&](const IterationInfo& info) {
     seen.push_back(info);
     return seen.size() < 3;
@@ -93,7 +93,7 @@ TEST(BalProblem, StopsWhenToldAndKeepsWhatIsDone) {
   EXPECT_EQ(seen[2].iteration, 3);
   EXPECT_EQ(seen[2].cost, summary.final_cost);
   EXPECT_LT(summary.final_cost, summary.initial_cost);
-  EXPECT_GT(summary.final_cost, adjust_bal(&whole, kToTheEnd).final_cost);
+  EXPECT_GT(summary.final_cost, adjust_bal(&whole, kBalToTheEnd).final_cost);
   // What is kept is the state of that cost.
   const BundleSummary next = adjust_bal(&problem, BundleOptions{.max_iterations = 1});
   EXPECT_NEAR(next.initial_cost, summary.final_cost, 1e-9 * summary.final_cost);

@@ -15,13 +15,7 @@ namespace raysfm {
 namespace {
 
 using testing_support::fixtures;
-
-template <typename Visit>
-void for_each_pixel(Visit visit) {
-  for (double v = -0.5; v <= 479.5; v += 16) {
-    for (double u = -0.5; u <= 639.5; u += 16) visit(Eigen::Vector2d(u, v));
-  }
-}
+using testing_support::for_each_pixel;
 
 template <typename Model>
 class PerspectiveOracleTest : public ::testing::Test {};

@@ -18,6 +18,7 @@ namespace raysfm {
 namespace {
 
 using testing_support::fixtures;
+using testing_support::for_each_pixel;
 using testing_support::kSeen;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -53,13 +54,6 @@ using ParametricModels = ModelsOf<IsParametric, CameraModel>::type;
 using ProjectiveModels = ModelsOf<IsProjective, CameraModel>::type;
 TYPED_TEST_SUITE(AnyModelTest, ParametricModels);
 TYPED_TEST_SUITE(ProjectiveModelTest, ProjectiveModels);
-
-template <typename Visit>
-void for_each_pixel(Visit visit) {
-  for (double v = -0.5; v <= 479.5; v += 16) {
-    for (double u = -0.5; u <= 639.5; u += 16) visit(Eigen::Vector2d(u, v));
-  }
-}
 
 TYPED_TEST(AnyModelTest, SeesItsShareOfTheImageAlongUnitDirections) {
   for (const TypeParam& model : fixtures<TypeParam>()) {

@@ -11,7 +11,7 @@
 namespace raysfm {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 // A table of random, wide apart directions over the pixels 8..103, 4..67 of an image.
 RayGridData random_grid(bool with_points) {
@@ -101,7 +101,7 @@ TEST(RayTable, SeesTheBordersOfItsLastPixels) {
   EXPECT_FALSE(table.ray({103.501, 30}, &ray));
   EXPECT_FALSE(table.ray({50, 3.499}, &ray));
   EXPECT_FALSE(table.ray({50, 67.501}, &ray));
-  for (const double bad : {kNan, HUGE_VAL, -HUGE_VAL, 1e300}) {
+  for (const double bad : {kNoNumber, HUGE_VAL, -HUGE_VAL, 1e300}) {
     EXPECT_FALSE(table.ray({bad, 30}, &ray));
     EXPECT_FALSE(table.ray({50, bad}, &ray));
   }
@@ -109,7 +109,7 @@ TEST(RayTable, SeesTheBordersOfItsLastPixels) {
 
 TEST(RayTable, ControlPointsThatAreNoneSeeNothing) {
   RayGridData grid = random_grid(false);
-  grid.directions[2 + 3 * 9].setConstant(kNan);
+  grid.directions[2 + 3 * 9].setConstant(kNoNumber);
   const CentralRayTable table(grid);
   // The point at the grid position (2, 3) reaches two cells to every side: pixels 8 + 16 (g - 1) - 0.5.
   Eigen::Vector3d direction;

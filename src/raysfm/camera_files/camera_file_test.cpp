@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include "support/camera_texts.h"
+#include "support/changed_text.h"
 #include "support/shared_data.h"
 #include "support/temporary_folder.h"
 
 namespace raysfm {
 namespace {
+
+using testing_support::with;
 
 using namespace testing_support;
 
@@ -61,13 +64,6 @@ TEST(CameraFile, WritesWhatItReads) {
   EXPECT_EQ(again->cameras[1].shutter.readout, 0);
   EXPECT_EQ(as<Rational>(again->cameras[1]).parameters(), as<Rational>(rig.cameras[1]).parameters());
   EXPECT_EQ(format_camera_file(*again), format_camera_file(rig));
-}
-
-// Replaces `what`, which must be there.
-std::string with(std::string text, const std::string& what, const std::string& by) {
-  const size_t at = text.find(what);
-  EXPECT_NE(at, std::string::npos) << what;
-  return text.replace(at, what.size(), by);
 }
 
 struct Broken {

@@ -6,10 +6,13 @@
 
 #include "raysfm/camera_files/camera_file.h"
 #include "support/camera_texts.h"
+#include "support/changed_text.h"
 #include "support/temporary_folder.h"
 
 namespace raysfm {
 namespace {
+
+using testing_support::with;
 
 using namespace testing_support;
 
@@ -27,12 +30,6 @@ std::string message_of(const std::string& text) {
 
 void expect_says(const std::string& message, const std::string& part) {
   EXPECT_NE(message.find(part), std::string::npos) << message << " lacks " << part;
-}
-
-std::string with(std::string text, const std::string& what, const std::string& by) {
-  const size_t at = text.find(what);
-  EXPECT_NE(at, std::string::npos) << what;
-  return text.replace(at, what.size(), by);
 }
 
 // x_n = T_n,n-1 ... T_1,0 x_0 written out for a point, against rig_from_cam.

@@ -11,14 +11,17 @@
 
 #include "raysfm/camera_files/camera_file.h"
 #include "support/camera_texts.h"
+#include "support/changed_text.h"
 #include "support/temporary_folder.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::with;
+
 using namespace testing_support;
 
-Rig parsed(const std::string& text, std::string* note = nullptr) {
+Rig parsed_wide(const std::string& text, std::string* note = nullptr) {
   const Result<Rig> rig = parse_camera_file(text, "file", note);
   EXPECT_TRUE(rig) << rig.error().message;
   return rig ? *rig : Rig{};
@@ -31,12 +34,6 @@ void expect_refused(const std::string& text, const std::string& part) {
   EXPECT_NE(rig.error().message.find(part), std::string::npos) << rig.error().message << " lacks " << part;
 }
 
-std::string with(std::string text, const std::string& what, const std::string& by) {
-  const size_t at = text.find(what);
-  EXPECT_NE(at, std::string::npos) << what;
-  return text.replace(at, what.size(), by);
-}
-
 template <typename Model, size_t N>
 void expect_parameters(const Camera& camera, const std::array<double, N>& expected) {
   ASSERT_TRUE(std::holds_alternative<Model>(camera.model)) << camera.name;
@@ -47,7 +44,7 @@ void expect_parameters(const Camera& camera, const std::array<double, N>& expect
 
 TEST(KalibrImport, KnowsTheWideModels) {
   std::string note;
-  const Rig rig = parsed(kKalibrWideYaml, &note);
+  const Rig rig = parsed_wide(kKalibrWideYaml, &note);
   ASSERT_EQ(rig.cameras.size(), 5u);
   expect_parameters<Unified, 9>(rig.cameras[0], {600, 601, 320, 240, 1.1, -0.1, 0.01, 0.001, -0.002});
   expect_parameters<DoubleSphere, 6>(rig.cameras[1], {180, 181, 322, 242, -0.2, 0.57});
@@ -59,7 +56,7 @@ TEST(KalibrImport, KnowsTheWideModels) {
 
 // r = f atan(2 tan(theta) tan(omega / 2)) / omega against the fitted camera, over the image.
 TEST(KalibrImport, TheFovModelIsFollowedClosely) {
-  const Camera camera = parsed(kKalibrWideYaml).cameras[4];
+  const Camera camera = parsed_wide(kKalibrWideYaml).cameras[4];
   const double omega = 0.9;
   for (double theta = 0.01; theta < 1.1; theta += 0.05) {
     const double r = 260 * std::atan(2 * std::tan(theta) * std::tan(omega / 2)) / omega;
@@ -80,7 +77,7 @@ TEST(KalibrImport, RefusesMixturesThatNoModelIs) {
 }
 
 TEST(OpenCvImport, FisheyeProjectsAsOpenCvDoes) {
-  const Camera camera = parsed(kOpenCvFisheyeYaml).cameras[0];
+  const Camera camera = parsed_wide(kOpenCvFisheyeYaml).cameras[0];
   const cv::Matx33d k(200, 0, 320, 0, 201, 240, 0, 0, 1);
   for (const cv::Point3d& point :
        {cv::Point3d(0.3, -0.2, 1), cv::Point3d(2, 1, 0.7), cv::Point3d(-1, 0, 0.2)}) {
@@ -95,7 +92,7 @@ TEST(OpenCvImport, FisheyeProjectsAsOpenCvDoes) {
 }
 
 TEST(OpenCvImport, OmnidirectionalStereo) {
-  const Rig rig = parsed(kOpenCvOmniYaml);
+  const Rig rig = parsed_wide(kOpenCvOmniYaml);
   ASSERT_EQ(rig.cameras.size(), 2u);
   expect_parameters<Unified, 9>(rig.cameras[0], {600, 601, 320, 240, 1.1, -0.1, 0.01, 0.001, -0.002});
   expect_parameters<Unified, 9>(rig.cameras[1], {602, 603, 321, 241, 1.2, -0.1, 0.01, 0, 0});
@@ -106,14 +103,14 @@ TEST(OpenCvImport, OmnidirectionalStereo) {
 
 TEST(OpenCvImport, SaysHowFourCoefficientsWereRead) {
   std::string note;
-  parsed(with(kOpenCvFisheyeYaml, "fisheye_model: 1\n", ""), &note);
+  parsed_wide(with(kOpenCvFisheyeYaml, "fisheye_model: 1\n", ""), &note);
   EXPECT_NE(note.find("fisheye_model: 1"), std::string::npos) << note;
-  parsed(kOpenCvFisheyeYaml, &note);
+  parsed_wide(kOpenCvFisheyeYaml, &note);
   EXPECT_EQ(note, "");
 }
 
 TEST(BasaltImport, ReadsModelsAndPlaces) {
-  const Rig rig = parsed(kBasaltJson);
+  const Rig rig = parsed_wide(kBasaltJson);
   ASSERT_EQ(rig.cameras.size(), 3u);
   expect_parameters<DoubleSphere, 6>(rig.cameras[0], {180, 181, 320, 240, -0.2, 0.57});
   expect_parameters<KannalaBrandt, 8>(rig.cameras[1], {200, 201, 322, 242, 0.01, -0.02, 0.003, -0.0004});
@@ -141,7 +138,7 @@ Eigen::Vector3d ocam_ray(double row, double column) {
 
 TEST(OCamImport, RaysAreThoseOfCam2World) {
   for (const std::string& text : {kOCamCalibText, kOmniMvsYaml}) {
-    const Camera camera = parsed(text).cameras[0];
+    const Camera camera = parsed_wide(text).cameras[0];
     EXPECT_EQ(camera.width, 640);
     EXPECT_EQ(camera.height, 480);
     for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(322.25, 238.5), Eigen::Vector2d(500, 100),
@@ -151,7 +148,7 @@ TEST(OCamImport, RaysAreThoseOfCam2World) {
       EXPECT_LT((ray.direction - ocam_ray(pixel.y(), pixel.x())).norm(), 1e-12);
     }
   }
-  const Rigid3 pose = parsed(kOmniMvsYaml).cameras[0].rig_from_cam;
+  const Rigid3 pose = parsed_wide(kOmniMvsYaml).cameras[0].rig_from_cam;
   EXPECT_LT((pose * Eigen::Vector3d(0, 0, 1) - Eigen::Vector3d(1.1, 0.2, 0.3)).norm(), 1e-9);
 }
 
@@ -165,7 +162,7 @@ TEST(OCamImport, NamesWhatIsWrong) {
 
 // ImgToWorld of MultiCol-SLAM, x right and y down: u = c x + d y + u0, v = e x + y + v0.
 TEST(MultiColImport, RaysAreThoseOfImgToWorld) {
-  const Camera camera = parsed(kMultiColYaml).cameras[0];
+  const Camera camera = parsed_wide(kMultiColYaml).cameras[0];
   const double c = 0.999, d = -0.012, e = 0.0126;
   for (const Eigen::Vector2d& xy :
        {Eigen::Vector2d(0, 0), Eigen::Vector2d(150, -80), Eigen::Vector2d(-250, 190)}) {
@@ -200,9 +197,9 @@ TEST(MultiColImport, TheRigNeedsItsCameras) {
 }
 
 TEST(StellaImport, KnowsItsModels) {
-  expect_parameters<KannalaBrandt, 8>(parsed(kStellaYaml).cameras[0],
+  expect_parameters<KannalaBrandt, 8>(parsed_wide(kStellaYaml).cameras[0],
                                       {441.5, 442.5, 480.25, 275.75, -3.0e-02, -3.3e-03, -2.8e-03, -5.9e-04});
-  const Camera panorama = parsed(with(kStellaYaml, "\"fisheye\"", "\"equirectangular\"")).cameras[0];
+  const Camera panorama = parsed_wide(with(kStellaYaml, "\"fisheye\"", "\"equirectangular\"")).cameras[0];
   Ray ray;
   ASSERT_TRUE(panorama.ray({479.5 + 240, 269.5}, &ray));  // a quarter of the circle to the right
   EXPECT_LT((ray.direction - Eigen::Vector3d::UnitX()).norm(), 1e-9);
@@ -211,7 +208,7 @@ TEST(StellaImport, KnowsItsModels) {
   // Radial division: the ray of radius r is that of r / (1 + k r^2).
   const std::string division =
       with(with(kStellaYaml, "\"fisheye\"", "\"radial_division\""), "k1: -3.0e-02", "distortion: -0.25");
-  ASSERT_TRUE(parsed(division).cameras[0].ray({480.25 + 0.6 * 441.5, 275.75}, &ray));
+  ASSERT_TRUE(parsed_wide(division).cameras[0].ray({480.25 + 0.6 * 441.5, 275.75}, &ray));
   EXPECT_NEAR(ray.direction.x() / ray.direction.z(), 0.6 / (1 - 0.25 * 0.36), 1e-12);
 }
 
@@ -228,7 +225,7 @@ StereoRectifier:
   D_right: [0, 0, 0, 0, 0]
   R_right: [1, 0, 0, 0, 1, 0, 0, 0, 1]
 )";
-  const Rig rig = parsed(text);
+  const Rig rig = parsed_wide(text);
   ASSERT_EQ(rig.cameras.size(), 2u);
   expect_parameters<Pinhole, 4>(rig.cameras[1], {502, 503, 322, 242});
   // R_left x_left = x_right + (0.11, 0, 0) for R_right = I.
@@ -240,7 +237,7 @@ StereoRectifier:
 }
 
 TEST(OrbSlamImport, ReadsBothCameras) {
-  const Rig rig = parsed(kOrbSlamYaml);
+  const Rig rig = parsed_wide(kOrbSlamYaml);
   ASSERT_EQ(rig.cameras.size(), 2u);
   expect_parameters<KannalaBrandt, 8>(rig.cameras[1],
                                       {190.44, 190.43, 252.59, 254.91, 0.0034, 0.0017, -0.0026, 0.0003});
@@ -253,21 +250,21 @@ TEST(OrbSlamImport, OldFilesAndRectifiedPairs) {
       "%YAML:1.0\nCamera.fx: 500\nCamera.fy: 501\nCamera.cx: 320\nCamera.cy: 240\nCamera.k1: 0.1\nCamera.k2: "
       "0\n"
       "Camera.p1: 0\nCamera.p2: 0\n";
-  const Rig one = parsed(mono);
+  const Rig one = parsed_wide(mono);
   expect_parameters<Radtan, 9>(one.cameras[0], {500, 501, 320, 240, 0.1, 0, 0, 0, 0});
   EXPECT_EQ(one.cameras[0].width, 0);
-  const Rig pair = parsed(mono + "Camera.bf: 50\n");
+  const Rig pair = parsed_wide(mono + "Camera.bf: 50\n");
   ASSERT_EQ(pair.cameras.size(), 2u);
   EXPECT_NEAR(pair.cameras[1].rig_from_cam.translation.x(), 0.1, 1e-12);
   std::string note;
-  EXPECT_EQ(parsed(mono + "Camera.bf: 40\nDepthMapFactor: 5000\n", &note).cameras.size(), 1u);
+  EXPECT_EQ(parsed_wide(mono + "Camera.bf: 40\nDepthMapFactor: 5000\n", &note).cameras.size(), 1u);
   EXPECT_NE(note.find("depth"), std::string::npos);
 }
 
 // A cubic B-spline reproduces what is linear in its control points: at grid position (gx, gy) the direction
 // is (gx - 1.5, gy - 1.5, 2) and the point (gx, 0, 0). Pixels count from corners there.
 TEST(GenericImport, RaysOfALinearGrid) {
-  const Camera camera = parsed(kGenericYaml).cameras[0];
+  const Camera camera = parsed_wide(kGenericYaml).cameras[0];
   for (const Eigen::Vector2d& pixel :
        {Eigen::Vector2d(0, 0), Eigen::Vector2d(39, 29), Eigen::Vector2d(10.25, 20.5)}) {
     const double gx = 1 + (pixel.x() + 0.5) / 40, gy = 1 + (pixel.y() + 0.5) / 30;
@@ -290,7 +287,7 @@ TEST(GenericImport, RefusesGridsThatAreNone) {
 }
 
 TEST(ColmapImport, KnowsTheWideModels) {
-  const auto one = [](const std::string& line) { return parsed(line).cameras[0]; };
+  const auto one = [](const std::string& line) { return parsed_wide(line).cameras[0]; };
   expect_parameters<KannalaBrandt, 8>(one("1 OPENCV_FISHEYE 640 480 200 201 320 240 1e-2 2e-3 3e-4 4e-5"),
                                       {200, 201, 319.5, 239.5, 1e-2, 2e-3, 3e-4, 4e-5});
   expect_parameters<KannalaBrandt, 8>(one("1 RADIAL_FISHEYE 640 480 200 320 240 1e-2 2e-3"),

@@ -32,7 +32,7 @@ const std::string kSmall =
     "-6.1200015717226364e-01\n5.7175904776028286e-01\n-1.8470812764548823e+00\n"
     "1 2 3 4 5 6\n";
 
-std::string refusal(const std::string& text) {
+std::string bal_refusal(const std::string& text) {
   const Result<BalFile> file = parse_bal(text, "file");
   if (file) return "accepted";
   EXPECT_EQ(file.error().kind, ErrorKind::kBadInput);
@@ -137,34 +137,34 @@ TEST(BalFile, ReadsQuickly) {
 
 TEST(BalFile, CountsThatLie) {
   EXPECT_EQ(
-      refusal("2000000000 2000000000 2000000000 0 0 1 2"),
+      bal_refusal("2000000000 2000000000 2000000000 0 0 1 2"),
       "file:1: 2000000000 cameras, 2000000000 points and 2000000000 observations are not allowed, they need "
       "at least 64000000000 bytes and 8 follow");
-  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 3 5")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "2 3 4", "2 3 5")),
             "file:6: observation 4: camera: '1.5741515942940262e-02' is not allowed, a whole number from 0 "
             "to 1 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 4 4")), "file:20: the file ends before point 3: x");
-  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 2 4")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "2 3 4", "2 4 4")), "file:20: the file ends before point 3: x");
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "2 3 4", "2 2 4")),
             "file:5: observation 3: point: '2' is not allowed, a whole number from 0 to 1 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "2 3 4", "2 3 -4")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "2 3 4", "2 3 -4")),
             "file:1: number of observations: '-4' is not allowed, a whole number from 0 to 2147483646 is");
-  EXPECT_EQ(refusal("99999999999999999999 1 1"),
+  EXPECT_EQ(bal_refusal("99999999999999999999 1 1"),
             "file:1: number of cameras: '99999999999999999999' is not allowed, a whole number from 0 to "
             "2147483646 is");
-  EXPECT_EQ(refusal("1 1.5 1"),
+  EXPECT_EQ(bal_refusal("1 1.5 1"),
             "file:1: number of points: '1.5' is not allowed, a whole number from 0 to 2147483646 is");
-  EXPECT_EQ(refusal(""), "file:1: the file ends before number of cameras");
+  EXPECT_EQ(bal_refusal(""), "file:1: the file ends before number of cameras");
 }
 
 TEST(BalFile, NumbersThatAreNone) {
   for (const char* number : {"nan", "inf", "-inf", "1e999", "1.2.3", "0x10", "abc", "1,5"}) {
-    EXPECT_EQ(refusal(replaced(kSmall, "1e-3", number)),
+    EXPECT_EQ(bal_refusal(replaced(kSmall, "1e-3", number)),
               "file:4: observation 2: y: '" + std::string(number) +
                   "' is not allowed, a number from -1e+06 to 1e+06 is");
   }
-  EXPECT_EQ(refusal(replaced(kSmall, "3.9975152639358436e+02", "nan")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "3.9975152639358436e+02", "nan")),
             "file:12: camera 0: f: 'nan' is not allowed, a number above 0, up to 1e+07 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "-1.8470812764548823e+00", "nan")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "-1.8470812764548823e+00", "nan")),
             "file:18: point 0: z: 'nan' is not allowed, a number from -1e+12 to 1e+12 is");
 }
 
@@ -172,38 +172,38 @@ TEST(BalFile, NumbersThatAreNone) {
 TEST(BalFile, NumbersBeyondWhatIsAllowed) {
   for (const char* f : {"0", "-0", "-400", "1.1e7", "1e300"}) {
     EXPECT_EQ(
-        refusal(replaced(kSmall, "3.9975152639358436e+02", f)),
+        bal_refusal(replaced(kSmall, "3.9975152639358436e+02", f)),
         "file:12: camera 0: f: '" + std::string(f) + "' is not allowed, a number above 0, up to 1e+07 is");
   }
-  EXPECT_EQ(refusal(replaced(kSmall, "1e-3", "1e308")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1e-3", "1e308")),
             "file:4: observation 2: y: '1e308' is not allowed, a number from -1e+06 to 1e+06 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "1.5741515942940262e-02", "-1e5")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1.5741515942940262e-02", "-1e5")),
             "file:6: camera 0: rotation x: '-1e5' is not allowed, a number from -10000 to 10000 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "1.1202240291236032e+00", "1e300")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1.1202240291236032e+00", "1e300")),
             "file:11: camera 0: translation z: '1e300' is not allowed, a number from -1e+12 to 1e+12 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "5.8820490534594022e-13", "1e13")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "5.8820490534594022e-13", "1e13")),
             "file:14: camera 0: k2: '1e13' is not allowed, a number from -1e+12 to 1e+12 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "-6.1200015717226364e-01", "1e300")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "-6.1200015717226364e-01", "1e300")),
             "file:16: point 0: x: '1e300' is not allowed, a number from -1e+12 to 1e+12 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "1e-3", "-1e6")), "accepted");
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1e-3", "-1e6")), "accepted");
 }
 
 TEST(BalFile, IndicesOutOfRange) {
-  EXPECT_EQ(refusal(replaced(kSmall, "1 2 7 8", "2 2 7 8")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1 2 7 8", "2 2 7 8")),
             "file:5: observation 3: camera: '2' is not allowed, a whole number from 0 to 1 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "1 2 7 8", "1 3 7 8")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1 2 7 8", "1 3 7 8")),
             "file:5: observation 3: point: '3' is not allowed, a whole number from 0 to 2 is");
-  EXPECT_EQ(refusal(replaced(kSmall, "1 2 7 8", "1 -1 7 8")),
+  EXPECT_EQ(bal_refusal(replaced(kSmall, "1 2 7 8", "1 -1 7 8")),
             "file:5: observation 3: point: '-1' is not allowed, a whole number from 0 to 2 is");
 }
 
 TEST(BalFile, CutOffAnywhereAndTrailingGarbage) {
   // A number that is cut short is still a number: up to the last digit but one.
   for (size_t length = 0; length + 2 < kSmall.size(); ++length) {
-    EXPECT_NE(refusal(kSmall.substr(0, length)), "accepted") << length;
+    EXPECT_NE(bal_refusal(kSmall.substr(0, length)), "accepted") << length;
   }
-  EXPECT_EQ(refusal(kSmall + " \n\n\t"), "accepted");
-  EXPECT_EQ(refusal(kSmall + "end"), "file:20: 'end' is not allowed, the file ends after the last point");
+  EXPECT_EQ(bal_refusal(kSmall + " \n\n\t"), "accepted");
+  EXPECT_EQ(bal_refusal(kSmall + "end"), "file:20: 'end' is not allowed, the file ends after the last point");
 }
 
 TEST(BalFile, PackedFilesThatAreDamagedOrBombs) {

@@ -10,6 +10,7 @@
 
 #include "raysfm/files/text_file.h"
 #include "raysfm/scene/worlds.h"
+#include "support/shell.h"
 #include "support/small_reconstruction.h"
 #include "support/temporary_folder.h"
 
@@ -18,6 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing_support::content_of;
+using testing_support::run;
 using testing_support::small_reconstruction;
 using testing_support::TemporaryFolder;
 
@@ -26,10 +28,6 @@ const Pinhole kPinhole{500, 510, 319.5, 239.5};
 const Radtan kRadtan{500, 510, 320, 240, -0.125, 0.25, 0.0625, -0.03125};
 const Radtan kRadtanK3{500, 510, 320, 240, -0.125, 0.25, 0.0625, -0.03125, 0.5};
 const Rational kRational{500, 510, 320, 240, -0.125, 0.25, 0.0625, -0.03125, 0.5, 0.375, 0.75, 0.015625};
-
-bool run(const std::string& command) {
-  return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
-}
 
 std::string quoted(const fs::path& path) {
   return "'" + path.string() + "'";

@@ -8,6 +8,7 @@
 
 #include "raysfm/colmap_bal/colmap_file.h"
 #include "raysfm/files/little_endian.h"
+#include "support/shell.h"
 #include "support/small_reconstruction.h"
 #include "support/temporary_folder.h"
 
@@ -16,6 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing_support::content_of;
+using testing_support::run;
 using testing_support::small_reconstruction;
 using testing_support::TemporaryFolder;
 
@@ -114,10 +116,6 @@ TEST(ColmapModel, TextAndBinaryComeBackAsTheyWere) {
   EXPECT_EQ(again.cameras, bytes.cameras);
   EXPECT_EQ(again.images, bytes.images);
   EXPECT_EQ(again.points, bytes.points);
-}
-
-bool run(const std::string& command) {
-  return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
 }
 
 TEST(ColmapModel, ColmapReadsAndWritesTheSame) {

@@ -19,17 +19,17 @@ using testing_support::random_image;
 using testing_support::render;
 using testing_support::Texture;
 
-constexpr int kWidth = 320, kHeight = 240;
+constexpr int kTurnedWidth = 320, kTurnedHeight = 240;
 
 // Error of the estimate, worst over the image, full-size pixels, when the second image is the first moved.
 double worst_error(const Eigen::Vector2d& shift, double angle, double gain = 1, double sigma = 3) {
   const Texture texture(1, 25, 250, 35);
-  const Eigen::Vector2d centre(0.5 * (kWidth - 1), 0.5 * (kHeight - 1));
+  const Eigen::Vector2d centre(0.5 * (kTurnedWidth - 1), 0.5 * (kTurnedHeight - 1));
   const Eigen::Rotation2Dd turn(angle);
   const GrayImage first = render(
-      texture, kWidth, kHeight, [](const Eigen::Vector2d& p) { return p; }, 1, 0, sigma, 1);
+      texture, kTurnedWidth, kTurnedHeight, [](const Eigen::Vector2d& p) { return p; }, 1, 0, sigma, 1);
   const GrayImage second = render(
-      texture, kWidth, kHeight,
+      texture, kTurnedWidth, kTurnedHeight,
       [&](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return centre + turn.inverse() * (p - shift - centre);
       },
@@ -40,9 +40,11 @@ double worst_error(const Eigen::Vector2d& shift, double angle, double gain = 1, 
   const CoarseMotion motion = estimate_coarse_motion(a.view(), b.view(), static_cast<float>(side));
   EXPECT_GT(motion.zncc, 0.9f);
   double worst = 0;
-  for (const Eigen::Vector2d& p : {Eigen::Vector2d(0, 0), {kWidth, 0}, {0, kHeight}, {kWidth, kHeight}}) {
+  for (const Eigen::Vector2d& p :
+       {Eigen::Vector2d(0, 0), {kTurnedWidth, 0}, {0, kTurnedHeight}, {kTurnedWidth, kTurnedHeight}}) {
     const Eigen::Vector2d truth = centre + turn * (p - centre) + shift;
-    worst = std::max(worst, (motion.apply(p.cast<float>(), kWidth, kHeight).cast<double>() - truth).norm());
+    worst = std::max(
+        worst, (motion.apply(p.cast<float>(), kTurnedWidth, kTurnedHeight).cast<double>() - truth).norm());
   }
   return worst;
 }

@@ -5,20 +5,18 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raysfm/image/pyramid.h"
+#include "support/cv_header.h"
 #include "support/soft_edges.h"
 #include "support/texture.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::header;
 using testing_support::random_image;
 using testing_support::soft_board;
 
 constexpr int kAnySize = 1 << 30;
-
-cv::Mat header(GrayImage& image) {
-  return cv::Mat(image.height(), image.width(), CV_8UC1, image.row(0), image.view().stride);
-}
 
 TEST(Octaves, PlacesGoIntoAnOctaveAndBack) {
   const Eigen::Vector2f pixel(17.25f, 310.5f);

@@ -19,7 +19,7 @@ using testing_support::random_image;
 using testing_support::render;
 using testing_support::Texture;
 
-GrayImage textured(uint64_t seed, int width = 160, int height = 120) {
+GrayImage textured_image(uint64_t seed, int width = 160, int height = 120) {
   return render(Texture(seed, 5, 40, 35), width, height, [](const Eigen::Vector2d& p) { return p; });
 }
 
@@ -36,7 +36,7 @@ double opencv_zncc(const cv::Mat& a, const cv::Mat& b) {
 }
 
 TEST(Patches, CorrelationIsThatOfOpenCv) {
-  const GrayImage smooth = textured(1), noise = random_image(160, 120, 2);
+  const GrayImage smooth = textured_image(1), noise = random_image(160, 120, 2);
   std::vector<Eigen::Vector2f> pixels;
   for (int y = 10; y < 110; y += 9) {
     for (int x = 10; x < 150; x += 7) pixels.emplace_back(x, y);
@@ -108,7 +108,7 @@ TEST(Patches, WithoutTextureOrOutsideNotValid) {
 }
 
 TEST(Patches, AtTheRightBorderAsElsewhere) {
-  const GrayImage wide = textured(6, 160, 64);
+  const GrayImage wide = textured_image(6, 160, 64);
   // The same pixels as a narrow image whose memory ends with its last row.
   std::vector<uint8_t> narrow;
   for (int y = 0; y < 64; ++y) narrow.insert(narrow.end(), wide.row(y), wide.row(y) + 80);
@@ -160,7 +160,7 @@ TEST(Patches, MinificationReadsTheMatchingLevel) {
 }
 
 TEST(Patches, EveryInstructionSetGivesTheSameBytes) {
-  const GrayImage image = textured(9);
+  const GrayImage image = textured_image(9);
   std::vector<Eigen::Vector2f> pixels;
   std::vector<Eigen::Matrix2f> warps;
   Rng rng(2);

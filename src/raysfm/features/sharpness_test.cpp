@@ -7,18 +7,16 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "support/cv_header.h"
 #include "support/soft_edges.h"
 #include "support/texture.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::header;
 using testing_support::soft_board;
 using testing_support::soft_stripes;
-
-cv::Mat header(GrayImage& image) {
-  return cv::Mat(image.height(), image.width(), CV_8UC1, image.row(0), image.view().stride);
-}
 
 // Not wider: slopes of few grey levels a pixel are known badly.
 TEST(EdgeWidth, OfStripesAtAnyAngle) {

@@ -23,7 +23,7 @@ std::string text_of(size_t bytes) {
   return text;
 }
 
-std::string refusal(std::string_view bytes, uintmax_t max_bytes = kMuch) {
+std::string bzip2_refusal(std::string_view bytes, uintmax_t max_bytes = kMuch) {
   const Result<std::string> content = decompress_bzip2(bytes, max_bytes);
   if (content) return "accepted";
   EXPECT_EQ(content.error().kind, ErrorKind::kBadInput);
@@ -58,9 +58,10 @@ TEST(Bzip2, SeveralStreamsOneAfterAnother) {
 TEST(Bzip2, CutOffAnywhere) {
   const std::string bytes = compress_bzip2(text_of(3000));
   for (size_t length = 0; length < bytes.size(); ++length) {
-    EXPECT_NE(refusal(std::string_view(bytes).substr(0, length)), "accepted") << length;
+    EXPECT_NE(bzip2_refusal(std::string_view(bytes).substr(0, length)), "accepted") << length;
   }
-  EXPECT_EQ(refusal(std::string_view(bytes).substr(0, 100)), "cut off, the end of the bzip2 data is missing");
+  EXPECT_EQ(bzip2_refusal(std::string_view(bytes).substr(0, 100)),
+            "cut off, the end of the bzip2 data is missing");
 }
 
 TEST(Bzip2, DamagedAnywhere) {
@@ -75,22 +76,22 @@ TEST(Bzip2, DamagedAnywhere) {
       EXPECT_EQ(*content, text);
     }
   }
-  EXPECT_EQ(refusal(bytes + "x"), "damaged, what follows is no bzip2 data");
-  EXPECT_EQ(refusal("no bzip2 data"), "damaged, what follows is no bzip2 data");
-  EXPECT_EQ(refusal("BZh9 and then not"), "damaged, bzip2 cannot unpack it");
+  EXPECT_EQ(bzip2_refusal(bytes + "x"), "damaged, what follows is no bzip2 data");
+  EXPECT_EQ(bzip2_refusal("no bzip2 data"), "damaged, what follows is no bzip2 data");
+  EXPECT_EQ(bzip2_refusal("BZh9 and then not"), "damaged, bzip2 cannot unpack it");
 }
 
 TEST(Bzip2, UnpacksNoMoreThanAllowed) {
   const std::string bomb = compress_bzip2(std::string(size_t{64} << 20, '\0'));
   ASSERT_LT(bomb.size(), 1000u);
-  EXPECT_EQ(refusal(bomb, 1000), "unpacks to more than the 1000 bytes that are allowed");
+  EXPECT_EQ(bzip2_refusal(bomb, 1000), "unpacks to more than the 1000 bytes that are allowed");
   std::string many;
   for (int i = 0; i < 1000; ++i) many += bomb;
-  EXPECT_EQ(refusal(many, 1 << 20), "unpacks to more than the 1048576 bytes that are allowed");
+  EXPECT_EQ(bzip2_refusal(many, 1 << 20), "unpacks to more than the 1048576 bytes that are allowed");
 
   const std::string exact = compress_bzip2(text_of(1000));
-  EXPECT_EQ(refusal(exact, 999), "unpacks to more than the 999 bytes that are allowed");
-  EXPECT_EQ(refusal(exact, 1000), "accepted");
+  EXPECT_EQ(bzip2_refusal(exact, 999), "unpacks to more than the 999 bytes that are allowed");
+  EXPECT_EQ(bzip2_refusal(exact, 1000), "accepted");
 }
 
 }  // namespace

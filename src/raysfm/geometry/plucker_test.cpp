@@ -4,15 +4,14 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/geometry/pose.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
-using Eigen::Vector3d;
+using testing_support::normal_vector;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using Eigen::Vector3d;
 
 TEST(Plucker, TheMomentIsThatOfEveryPointOfTheLine) {
   Rng rng(1);

@@ -3,22 +3,21 @@
 #include <gtest/gtest.h>
 
 #include "raysfm/core/random.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
-Eigen::Vector3d random_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using testing_support::normal_vector;
 
 Similarity3 random_similarity(Rng& rng) {
-  return {std::exp(rng.normal()), exp_so3(random_vector(rng)), random_vector(rng)};
+  return {std::exp(rng.normal()), exp_so3(normal_vector(rng)), normal_vector(rng)};
 }
 
 TEST(Similarity, ComposesAndInverts) {
   Rng rng(5);
   const Similarity3 b_from_a = random_similarity(rng), c_from_b = random_similarity(rng);
-  const Eigen::Vector3d x = random_vector(rng);
+  const Eigen::Vector3d x = normal_vector(rng);
   EXPECT_LT(((c_from_b * b_from_a) * x - c_from_b * (b_from_a * x)).norm(), 1e-12);
   EXPECT_LT((inverse(b_from_a) * (b_from_a * x) - x).norm(), 1e-12);
 }
@@ -27,9 +26,9 @@ TEST(Similarity, ComposesAndInverts) {
 TEST(Similarity, CarriesPosesFromWorldToWorld) {
   Rng rng(6);
   const Similarity3 b_from_a = random_similarity(rng);
-  const Rigid3 cam_from_a{exp_so3(random_vector(rng)), random_vector(rng)};
+  const Rigid3 cam_from_a{exp_so3(normal_vector(rng)), normal_vector(rng)};
   const Rigid3 cam_from_b = carried_over(cam_from_a, b_from_a);
-  const Eigen::Vector3d x = random_vector(rng);
+  const Eigen::Vector3d x = normal_vector(rng);
   EXPECT_LT((cam_from_b * (b_from_a * x) - b_from_a.scale * (cam_from_a * x)).norm(), 1e-12);
 }
 

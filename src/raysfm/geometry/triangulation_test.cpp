@@ -9,15 +9,14 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/geometry/rotation.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
-using Eigen::Vector3d;
+using testing_support::normal_vector;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using Eigen::Vector3d;
 
 // Rays from origins near `centre` to `point`, their directions turned by noise * N(0, 1) radians per axis.
 std::vector<Ray> rays_to(const Vector3d& point, const Vector3d& centre, int count, double noise, Rng& rng) {

@@ -63,17 +63,17 @@ void drop_some(PointTracks* tracks) {
   *tracks = kept;
 }
 
-struct Case {
+struct MethodCase {
   const char* name;
   bool equal;
   ConstraintMethod method;
   CostSpace space;
 };
-void PrintTo(const Case& c, std::ostream* out) {
+void PrintTo(const MethodCase& c, std::ostream* out) {
   *out << c.name;
 }
 
-class DenseReference : public testing::TestWithParam<Case> {};
+class DenseReference : public testing::TestWithParam<MethodCase> {};
 
 // The step of the sparse solution against dense normal equations from numeric derivatives: it tests the
 // derivatives through the moments, the rank-six structure, missing data, weights and multipliers at once.
@@ -137,11 +137,11 @@ TEST_P(DenseReference, PromisedDecreaseIsThatOfTheModel) {
 
 INSTANTIATE_TEST_SUITE_P(
     , DenseReference,
-    testing::Values(Case{"zoom_weights", false, ConstraintMethod::kWeights, CostSpace::kImage},
-                    Case{"fixed_weights", true, ConstraintMethod::kWeights, CostSpace::kImage},
-                    Case{"zoom_multipliers", false, ConstraintMethod::kLagrange, CostSpace::kImage},
-                    Case{"fixed_multipliers", true, ConstraintMethod::kLagrange, CostSpace::kImage},
-                    Case{"zoom_invariant", false, ConstraintMethod::kWeights, CostSpace::kInvariant}),
+    testing::Values(MethodCase{"zoom_weights", false, ConstraintMethod::kWeights, CostSpace::kImage},
+                    MethodCase{"fixed_weights", true, ConstraintMethod::kWeights, CostSpace::kImage},
+                    MethodCase{"zoom_multipliers", false, ConstraintMethod::kLagrange, CostSpace::kImage},
+                    MethodCase{"fixed_multipliers", true, ConstraintMethod::kLagrange, CostSpace::kImage},
+                    MethodCase{"zoom_invariant", false, ConstraintMethod::kWeights, CostSpace::kInvariant}),
     [](const auto& info) { return std::string(info.param.name); });
 
 // Singular values of the Jacobian below 1e-7 of the largest, its columns scaled to unit length.

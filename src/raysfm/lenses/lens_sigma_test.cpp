@@ -14,16 +14,16 @@ using test_scenes::make_cube;
 
 using Adjust = Result<LensAdjustmentSummary> (*)(const PointTracks&, std::span<const double>,
                                                  const LensAdjustmentOptions&, UncalibratedScene*);
-struct Case {
+struct SigmaCase {
   const char* name;
   Adjust adjust;
   bool zooming;
 };
-void PrintTo(const Case& c, std::ostream* out) {
+void PrintTo(const SigmaCase& c, std::ostream* out) {
   *out << c.name;
 }
 
-class SigmaOfLenses : public testing::TestWithParam<Case> {};
+class SigmaOfLenses : public testing::TestWithParam<SigmaCase> {};
 
 // Intervals that should hold the truth in 90 % of the trials do, for the focal length and the principal point
 // of one image. The standard error of a share is 1.1 %. Zooming lenses seen from this far bend the minimum
@@ -53,10 +53,10 @@ TEST_P(SigmaOfLenses, IntervalsHoldTheTruthAsOftenAsTheySay) {
 }
 
 INSTANTIATE_TEST_SUITE_P(, SigmaOfLenses,
-                         testing::Values(Case{"free_fixed", adjust_intrinsics_free, false},
-                                         Case{"free_zoom", adjust_intrinsics_free, true},
-                                         Case{"polished_fixed", adjust_polished, false},
-                                         Case{"polished_zoom", adjust_polished, true}),
+                         testing::Values(SigmaCase{"free_fixed", adjust_intrinsics_free, false},
+                                         SigmaCase{"free_zoom", adjust_intrinsics_free, true},
+                                         SigmaCase{"polished_fixed", adjust_polished, false},
+                                         SigmaCase{"polished_zoom", adjust_polished, true}),
                          [](const auto& info) { return std::string(info.param.name); });
 
 }  // namespace

@@ -31,15 +31,15 @@ using test_scenes::Cube;
 using test_scenes::make_cube;
 using test_scenes::perturbed;
 
-struct Case {
+struct ProblemCase {
   const char* name;
   LensConstraints constraints;
 };
-void PrintTo(const Case& c, std::ostream* out) {
+void PrintTo(const ProblemCase& c, std::ostream* out) {
   *out << c.name;
 }
 
-class StandardStep : public testing::TestWithParam<Case> {
+class StandardStep : public testing::TestWithParam<ProblemCase> {
  protected:
   void SetUp() override {
     Rng rng(41);
@@ -149,15 +149,16 @@ TEST_P(StandardStep, AllocatesNothingOnceMemoryIsSetUp) {
 
 INSTANTIATE_TEST_SUITE_P(
     , StandardStep,
-    testing::Values(
-        Case{"fixed", {.zero_skew = false, .unit_aspect = false, .equal = true}},
-        Case{"fixed_prior", {.equal = true, .principal_point_sigma = 20}}, Case{"zoom", {}},
-        Case{"zoom_prior", {.principal_point_sigma = 20}},
-        Case{"fixed_focal_prior",
-             {.equal = true, .principal_point_sigma = 20, .focal_sigma = 8, .focal = 930}},
-        Case{"zoom_focal_prior", {.unit_aspect = false, .focal_sigma = 8, .focal = 930}},
-        Case{"focal_length_alone", {.known_principal_point = true, .principal_point = {255, 245}}},
-        Case{"five_numbers_each", {.zero_skew = false, .unit_aspect = false, .principal_point_sigma = 5}}),
+    testing::Values(ProblemCase{"fixed", {.zero_skew = false, .unit_aspect = false, .equal = true}},
+                    ProblemCase{"fixed_prior", {.equal = true, .principal_point_sigma = 20}},
+                    ProblemCase{"zoom", {}}, ProblemCase{"zoom_prior", {.principal_point_sigma = 20}},
+                    ProblemCase{"fixed_focal_prior",
+                                {.equal = true, .principal_point_sigma = 20, .focal_sigma = 8, .focal = 930}},
+                    ProblemCase{"zoom_focal_prior", {.unit_aspect = false, .focal_sigma = 8, .focal = 930}},
+                    ProblemCase{"focal_length_alone",
+                                {.known_principal_point = true, .principal_point = {255, 245}}},
+                    ProblemCase{"five_numbers_each",
+                                {.zero_skew = false, .unit_aspect = false, .principal_point_sigma = 5}}),
     [](const auto& info) { return std::string(info.param.name); });
 
 }  // namespace

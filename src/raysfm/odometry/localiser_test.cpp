@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "support/pose_errors.h"
 #include "support/true_map.h"
 
 namespace raysfm {
@@ -15,6 +16,7 @@ namespace {
 using testing_support::crooked_rig;
 using testing_support::film;
 using testing_support::PanelWorld;
+using testing_support::pose_error;
 using testing_support::true_map;
 using testing_support::true_pose;
 using testing_support::TrueMap;
@@ -23,13 +25,6 @@ constexpr int kAllNear = 10;  // reach of local maps
 constexpr SearchRange kSearch{15, 300};
 
 // delta with truth = retract(estimate, delta): the tangent that the covariance speaks of.
-Eigen::Matrix<double, 6, 1> error_of(const Rigid3& truth, const Rigid3& estimate) {
-  Eigen::Matrix<double, 6, 1> delta;
-  const Eigen::AngleAxisd turn(truth.rotation * estimate.rotation.conjugate());
-  delta << truth.translation - turn * estimate.translation, turn.angle() * turn.axis();
-  return delta;
-}
-
 class LocaliserTest : public testing::Test {
  protected:
   static const TrueMap& three_keyframes() {
@@ -57,8 +52,8 @@ TEST_F(LocaliserTest, FindsThePoseFromAPredictionThatIsPixelsOff) {
   const ViewPtr view = film(world_, truth_.rig.camera(0), pose, 3);
   const Localisation found = localise(*view, retract(pose, kPredictionError));
   ASSERT_TRUE(found.ok) << found.reason;
-  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.003);
-  EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).head<3>().norm(), 0.003);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
   EXPECT_GT(found.matches.size(), 200u);
   EXPECT_LE(static_cast<int>(found.matches.size()), found.visible);
   EXPECT_LT(found.sigma_px, 0.3);
@@ -74,8 +69,8 @@ TEST_F(LocaliserTest, FollowsAViewWithoutCorners) {
   };
   const Localisation found = follow(1);
   ASSERT_TRUE(found.ok) << found.reason;
-  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.003);
-  EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).head<3>().norm(), 0.003);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).tail<3>().norm(), 0.0008);
   EXPECT_GT(found.matches.size(), 200u);
   EXPECT_FALSE(follow(5).ok) << "55 pixels off";
 }
@@ -117,7 +112,7 @@ TEST_F(LocaliserTest, FollowsAViewThatMovedWhileItWasExposed) {
   EXPECT_GT(found.matches.size(), 1.25 * static_cast<double>(sharp.matches.size()));
   EXPECT_GT(found.blurred, 50);
   EXPECT_EQ(sharp.blurred, 0);
-  const Eigen::Matrix<double, 6, 1> error = error_of(pose, found.rig_from_world);
+  const Eigen::Matrix<double, 6, 1> error = pose_error(pose, found.rig_from_world);
   EXPECT_LT(error.tail<3>().norm(), 0.1 * turn.norm());
   EXPECT_LT(error.head<3>().norm(), 0.03);
   const auto size_of = [](const Matrix6d& c) { return std::sqrt(c.topLeftCorner<3, 3>().trace()); };
@@ -191,7 +186,7 @@ TEST_F(LocaliserTest, WhatMovesByItselfIsNoMatch) {
   const ViewPtr view = testing_support::as_view(std::move(image), 3);
   const Localisation found = localise(*view, pose);
   ASSERT_TRUE(found.ok) << found.reason;
-  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.004);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).head<3>().norm(), 0.004);
   const auto moved = [&](const Eigen::Vector2f& p) {
     return p.x() > kLeft + 8 && p.x() < kLeft + kWidth - 8 && p.y() > kTop + 8 && p.y() < kTop + kHeight - 8;
   };
@@ -224,7 +219,7 @@ TEST(LocaliserCovariance, TellsTheError) {
       const Eigen::LLT<Matrix6d> llt(found.covariance);
       ASSERT_EQ(llt.info(), Eigen::Success) << "not positive definite";
       EXPECT_LT((found.covariance - found.covariance.transpose()).norm(), 1e-12);
-      const Eigen::Matrix<double, 6, 1> error = error_of(pose, found.rig_from_world);
+      const Eigen::Matrix<double, 6, 1> error = pose_error(pose, found.rig_from_world);
       sum += error.dot(llt.solve(error));
       for (int c = 0; c < 6; ++c) EXPECT_LT(std::abs(error[c]), 5 * std::sqrt(found.covariance(c, c))) << c;
     }
@@ -272,8 +267,8 @@ TEST_F(LocaliserTest, PoseFromMatchesBearsAThirdOfOutliers) {
   }
   const Localisation found = localiser_.pose_from_matches(truth_.map, matches, 3);
   ASSERT_TRUE(found.ok);
-  EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.002);
-  EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.0005);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).head<3>().norm(), 0.002);
+  EXPECT_LT(pose_error(pose, found.rig_from_world).tail<3>().norm(), 0.0005);
   for (const PointMatch& m : found.matches) EXPECT_NE(m.track % 3, 0);
 
   for (TrackPixel& m : matches) m.pixel = {float(rng.uniform(0, 320)), float(rng.uniform(0, 240))};
@@ -294,7 +289,7 @@ TEST_F(LocaliserTest, RefineFollowsPointsThatHaveMoved) {
   Rigid3 moved = found.rig_from_world;
   Matrix6d covariance;
   ASSERT_TRUE(localiser_.refine(map, matches, &moved, &covariance));
-  EXPECT_LT(error_of(found.rig_from_world * shift.inverse(), moved).norm(), 1e-5);
+  EXPECT_LT(pose_error(found.rig_from_world * shift.inverse(), moved).norm(), 1e-5);
   EXPECT_LT((covariance - found.covariance).norm(), 0.05 * found.covariance.norm());
 
   for (Track& track : map.tracks) track.triangulated = false;

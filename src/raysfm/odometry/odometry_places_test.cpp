@@ -42,7 +42,7 @@ struct Film {
   }
 };
 
-struct Listener : TrackerObserver {
+struct PlaceListener : TrackerObserver {
   std::vector<PlaceSeenAgain> seen_again;
   void place_seen_again(const PlaceSeenAgain& e) override { seen_again.push_back(e); }
 };
@@ -155,7 +155,7 @@ TEST(OdometryPlaces, ALoopIsClosed) {
   Film film;
   film.add(slow_round(), 4, 480);
   film.add(slow_round(), 0, 40);
-  Listener listener;
+  PlaceListener listener;
   const Reconstruction r = run(film, {}, {{small_camera()}}, &listener), open = run(film, without_loops());
   expect_posed_where_it_sees(r, film);
   ASSERT_EQ(r.segments.size(), 1u);
@@ -181,7 +181,7 @@ TEST(OdometryPlaces, ALoopIsClosed) {
 
 TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
   const Film film = two_sides();
-  Listener listener;
+  PlaceListener listener;
   const Reconstruction r = run(film, {}, {{small_camera()}}, &listener), apart = run(film, without_loops());
   EXPECT_EQ(apart.segments.size(), 2u);
   EXPECT_TRUE(apart.closures.empty());

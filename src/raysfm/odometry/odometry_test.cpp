@@ -19,6 +19,7 @@ namespace {
 
 using testing_support::as_view;
 using testing_support::black_view;
+using testing_support::corridor;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -48,11 +49,7 @@ struct Input {
   }
 };
 
-// About 3 m along a corridor, and 2.4 m round a board.
-const SynthViews& corridor() {
-  static const SynthViews views = synth_views("corridor", "drive", 30);
-  return views;
-}
+// 2.4 m round a board.
 const SynthViews& board() {
   static const SynthViews views = synth_views("board", "orbit", 24);
   return views;
@@ -160,7 +157,7 @@ void expect_consistent_map(const Reconstruction& r) {
   EXPECT_LT(r.rms_reprojection_px, 1.0);
 }
 
-bool identical(const Reconstruction& a, const Reconstruction& b) {
+bool same_maps(const Reconstruction& a, const Reconstruction& b) {
   if (a.frames.size() != b.frames.size() || a.points.size() != b.points.size()) return false;
   for (size_t i = 0; i < a.frames.size(); ++i) {
     const PosedFrame &f = a.frames[i], &g = b.frames[i];
@@ -224,8 +221,8 @@ TEST(Odometry, TwoRunsAreTheSameToTheLastBit) {
   Input input = one_scene(board());
   input.add_black(2);
   input.add_all(corridor(), 1);
-  EXPECT_TRUE(identical(run(input), run(input)));
-  EXPECT_TRUE(identical(run(input, {}, true), run(input, {}, true)));
+  EXPECT_TRUE(same_maps(run(input), run(input)));
+  EXPECT_TRUE(same_maps(run(input, {}, true), run(input, {}, true)));
 }
 
 TEST(Odometry, AnotherSeedGivesNearlyTheSamePoses) {

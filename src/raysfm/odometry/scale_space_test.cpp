@@ -6,6 +6,7 @@
 #include "raysfm/core/median.h"
 #include "raysfm/matching/pair_tracker.h"
 #include "raysfm/odometry/localiser.h"
+#include "support/pose_errors.h"
 #include "support/true_map.h"
 
 namespace raysfm {
@@ -15,6 +16,7 @@ using testing_support::as_view;
 using testing_support::crooked_rig;
 using testing_support::film_enlarged;
 using testing_support::PanelWorld;
+using testing_support::pose_error;
 using testing_support::render;
 using testing_support::Texture;
 using testing_support::true_map;
@@ -175,13 +177,6 @@ INSTANTIATE_TEST_SUITE_P(Scales, PatchScaleTest,
                          });
 
 // delta with truth = retract(estimate, delta).
-Eigen::Matrix<double, 6, 1> error_of(const Rigid3& truth, const Rigid3& estimate) {
-  Eigen::Matrix<double, 6, 1> delta;
-  const Eigen::AngleAxisd turn(truth.rotation * estimate.rotation.conjugate());
-  delta << truth.translation - turn * estimate.translation, turn.angle() * turn.axis();
-  return delta;
-}
-
 TEST(ScaleSpace, APoseIsAsExactFromAnEnlargedVideo) {
   const PanelWorld world(17);
   const OdometryOptions options;
@@ -199,8 +194,8 @@ TEST(ScaleSpace, APoseIsAsExactFromAnEnlargedVideo) {
     ASSERT_TRUE(found.ok) << k << ": " << found.reason;
     const double stated = found.covariance.diagonal().head<3>().cwiseSqrt().norm();
     if (k == 1) sigma = found.sigma_px, size = stated;
-    EXPECT_LT(error_of(pose, found.rig_from_world).head<3>().norm(), 0.004) << k;
-    EXPECT_LT(error_of(pose, found.rig_from_world).tail<3>().norm(), 0.001) << k;
+    EXPECT_LT(pose_error(pose, found.rig_from_world).head<3>().norm(), 0.004) << k;
+    EXPECT_LT(pose_error(pose, found.rig_from_world).tail<3>().norm(), 0.001) << k;
     EXPECT_LT(stated, 2 * size) << k;
     EXPECT_GT(stated, 0.5 * size) << k;
     EXPECT_LT(found.sigma_px, 2 * sigma) << k;
@@ -237,7 +232,7 @@ TEST(ScaleSpace, CovarianceHoldsForMixedOctaves) {
     Rigid3 found = pose;
     Matrix6d covariance;
     ASSERT_TRUE(localiser.refine(map, noisy, &found, &covariance));
-    const Eigen::Matrix<double, 6, 1> error = error_of(pose, found);
+    const Eigen::Matrix<double, 6, 1> error = pose_error(pose, found);
     sum += error.dot(covariance.llt().solve(error));
   }
   EXPECT_NEAR(sum / kRuns, 6, 4 * std::sqrt(12.0 / kRuns));

@@ -11,14 +11,10 @@
 namespace raysfm {
 namespace {
 
+using testing_support::corridor;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
-
-const SynthViews& corridor() {
-  static const SynthViews views = synth_views("corridor", "drive", 30);
-  return views;
-}
 
 PixelView pixels_of(const GrayImage& image) {
   return {image.row(0), image.width(), image.height(), image.view().stride};

@@ -12,11 +12,11 @@ namespace {
 using nlohmann::json;
 using testing_support::small_reconstruction;
 
-const Pinhole kPinhole{500, 510, 319.5, 239.5};
+const Pinhole kLens{500, 510, 319.5, 239.5};
 
 // Frames 0, 3, 6 and 9 are key frames, whose observations are exact projections; frame 5 has no pose.
 TEST(FrameFeatures, AKeyFrameHasWhatItMatched) {
-  const Reconstruction r = small_reconstruction({kPinhole, kPinhole});
+  const Reconstruction r = small_reconstruction({kLens, kLens});
   const json features = json::parse(FrameFeatures(r).json(3, 1));
   const KeyFrame& keyframe = r.keyframes[1];
   std::vector<Observation> matched;
@@ -35,7 +35,7 @@ TEST(FrameFeatures, AKeyFrameHasWhatItMatched) {
 
 // By hand: K (R^T (X - c)).
 TEST(FrameFeatures, OtherFramesHaveWhatIsExpectedAndWhereItWas) {
-  const Reconstruction r = small_reconstruction({kPinhole});
+  const Reconstruction r = small_reconstruction({kLens});
   const json features = json::parse(FrameFeatures(r).json(4, 0));
   EXPECT_EQ(features["seen"], 0);
   ASSERT_GT(features["tracks"].size(), 10u);
@@ -63,7 +63,7 @@ TEST(FrameFeatures, OtherFramesHaveWhatIsExpectedAndWhereItWas) {
 }
 
 TEST(FrameFeatures, NothingWhereThereIsNothing) {
-  const Reconstruction r = small_reconstruction({kPinhole});
+  const Reconstruction r = small_reconstruction({kLens});
   const FrameFeatures features(r);
   for (const auto& [frame, camera] :
        {std::pair(5, 0), std::pair(-1, 0), std::pair(12, 0), std::pair(3, 1), std::pair(3, -1)}) {

@@ -4,29 +4,28 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/geometry/similarity.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
-Eigen::Vector3d random_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using testing_support::normal_vector;
 
-Similarity3 random_similarity(Rng& rng) {
-  return {std::exp(rng.normal()), exp_so3(random_vector(rng)), random_vector(rng)};
+Similarity3 random_transform(Rng& rng) {
+  return {std::exp(rng.normal()), exp_so3(normal_vector(rng)), normal_vector(rng)};
 }
 
 TEST(GraphEdge, NodesAreSimilarities) {
   Rng rng(1);
-  const Similarity3 node_from_world = random_similarity(rng);
-  const Eigen::Vector3d x = random_vector(rng);
+  const Similarity3 node_from_world = random_transform(rng);
+  const Eigen::Vector3d x = normal_vector(rng);
   EXPECT_LT((similarity_of(graph_node(node_from_world)) * x - node_from_world * x).norm(), 1e-13);
   EXPECT_LT((node_from_world * graph_node(node_from_world).center).norm(), 1e-13);
 }
 
 TEST(GraphEdge, ResidualIsWhatIsPredictedLessWhatIsMeasured) {
   Rng rng(2);
-  const Similarity3 a = random_similarity(rng), b = random_similarity(rng), predicted = b * inverse(a);
+  const Similarity3 a = random_transform(rng), b = random_transform(rng), predicted = b * inverse(a);
   GraphEdge edge{0, 1, predicted, 0.5, 0.25, 0.125};
   EXPECT_LT(edge_residual(graph_node(a), graph_node(b), edge).norm(), 1e-12);
   const Eigen::Vector3d t(1, 2, 3), w(0.1, -0.2, 0.3);
@@ -42,9 +41,9 @@ TEST(GraphEdge, ResidualIsWhatIsPredictedLessWhatIsMeasured) {
 TEST(GraphEdge, DerivativesAreThoseOfTheResidual) {
   for (const double angle : {0.0, 1e-6, 0.0099, 0.0101, 1.0, 3.0}) {
     Rng rng(3);
-    const GraphNode a = graph_node(random_similarity(rng)), b = graph_node(random_similarity(rng));
+    const GraphNode a = graph_node(random_transform(rng)), b = graph_node(random_transform(rng));
     GraphEdge edge{0, 1, similarity_of(b) * inverse(similarity_of(a)), 0.7, 0.3, 0.2};
-    edge.b_from_a.rotation = exp_so3(angle * random_vector(rng).normalized()) * edge.b_from_a.rotation;
+    edge.b_from_a.rotation = exp_so3(angle * normal_vector(rng).normalized()) * edge.b_from_a.rotation;
     EdgeJacobian by_a, by_b;
     EXPECT_EQ(edge_residual(a, b, edge, &by_a, &by_b), edge_residual(a, b, edge));
     for (int k = 0; k < 7; ++k) {

@@ -9,7 +9,7 @@ namespace raysfm {
 namespace {
 
 using test::node_on_loop;
-using test::normal_vector;
+using testing_support::normal_vector;
 
 // A camera that goes once round and sees points about it, each from a few key frames in a row, and the map
 // that an odometry makes of it whose scale and direction drift.

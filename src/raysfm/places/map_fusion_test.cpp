@@ -5,13 +5,12 @@
 #include <set>
 
 #include "raysfm/core/random.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
-Eigen::Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
+using testing_support::normal_vector;
 
 Similarity3 random_similarity(Rng& rng) {
   return {std::exp(0.5 * rng.normal()), exp_so3(normal_vector(rng)), 5 * normal_vector(rng)};

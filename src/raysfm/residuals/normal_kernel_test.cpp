@@ -18,7 +18,7 @@ using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using Matrix26 = Eigen::Matrix<double, 2, 6>;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 
-struct Fixture {
+struct NormalFixture {
   Rigid3 pose{exp_so3({0.3, -0.2, 0.9}), {1, -2, 0.5}};
   RowMajor3 rotation = pose.rotation.toRotationMatrix();
   std::vector<Eigen::Vector3d> world;
@@ -28,7 +28,7 @@ struct Fixture {
   ObservationBlock<6> block{};
   PoseSums<6> sums{};
 
-  Fixture() {
+  NormalFixture() {
     Rng rng(3);
     for (int k = 0; k < kBlockLanes; ++k) {
       world.push_back(test::random_vector(rng, 3));
@@ -64,7 +64,7 @@ struct Fixture {
 };
 
 TEST(NormalKernel, IsTheNumericJacobian) {
-  Fixture f;
+  NormalFixture f;
   point_and_pose_terms(f.rotation.data(), &f.block, &f.sums);
   Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero(), expected_u = u;
   Eigen::Matrix<double, 6, 1> gc = Eigen::Matrix<double, 6, 1>::Zero(), expected_gc = gc;
@@ -88,21 +88,21 @@ TEST(NormalKernel, IsTheNumericJacobian) {
 }
 
 TEST(NormalKernel, PointSideIsTheSameWithoutThePose) {
-  Fixture a, b;
+  NormalFixture a, b;
   point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
   point_terms(b.rotation.data(), &b.block);
   EXPECT_EQ(std::memcmp(a.block.point, b.block.point, sizeof(a.block.point)), 0);
 }
 
 TEST(NormalKernel, PoseSideIsTheSameWithoutThePoints) {
-  Fixture a, b;
+  NormalFixture a, b;
   point_and_pose_terms(a.rotation.data(), &a.block, &a.sums);
   pose_terms(b.block, &b.sums);
   EXPECT_EQ(std::memcmp(&a.sums, &b.sums, sizeof(a.sums)), 0);
 }
 
 TEST(NormalKernel, SameBitsOnEveryInstructionSet) {
-  std::vector<Fixture> results;
+  std::vector<NormalFixture> results;
   const int64_t supported = hwy::SupportedTargets();
   for (int64_t targets = supported; targets != 0; targets &= targets - 1) {
     hwy::SetSupportedTargetsForTest(targets & -targets);
@@ -112,7 +112,7 @@ TEST(NormalKernel, SameBitsOnEveryInstructionSet) {
   }
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-  for (const Fixture& f : results) {
+  for (const NormalFixture& f : results) {
     EXPECT_EQ(std::memcmp(&f.block, &results[0].block, sizeof(f.block)), 0);
     EXPECT_EQ(std::memcmp(&f.sums, &results[0].sums, sizeof(f.sums)), 0);
   }

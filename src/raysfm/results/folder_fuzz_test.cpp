@@ -20,13 +20,8 @@ namespace {
 namespace fs = std::filesystem;
 using testing_support::content_of;
 using testing_support::damaged;
+using testing_support::expect_line;
 using testing_support::TemporaryFolder;
-
-void expect_line(const Error& error) {
-  ASSERT_EQ(error.kind, ErrorKind::kBadInput) << error.message;
-  ASSERT_FALSE(error.message.empty());
-  ASSERT_EQ(error.message.find('\n'), std::string::npos) << error.message;
-}
 
 void expect_trajectory_or_line(const fs::path& path) {
   const Result<Trajectory> trajectory = read_trajectory(path);
@@ -60,34 +55,34 @@ void expect_reconstruction_or_line(const fs::path& folder) {
 }
 
 using namespace std::string_literals;
-const std::string kPieces[] = {",",
-                               "\n",
-                               " ",
-                               "-1",
-                               "nan",
-                               "inf",
-                               "1e999",
-                               "99999999999999999999",
-                               "0x1",
-                               "#",
-                               "[",
-                               "]",
-                               "{",
-                               "}",
-                               ":",
-                               "null",
-                               "true",
-                               "\"",
-                               "\\",
-                               "\0"s,
-                               "[[",
-                               "1e12",
-                               "-1e12",
-                               "4294967296",
-                               "0 0 0",
-                               "\xff"s,
-                               "end_header\n",
-                               "\xff\xff\xff\x7f"s};
+const std::string kFolderPieces[] = {",",
+                                     "\n",
+                                     " ",
+                                     "-1",
+                                     "nan",
+                                     "inf",
+                                     "1e999",
+                                     "99999999999999999999",
+                                     "0x1",
+                                     "#",
+                                     "[",
+                                     "]",
+                                     "{",
+                                     "}",
+                                     ":",
+                                     "null",
+                                     "true",
+                                     "\"",
+                                     "\\",
+                                     "\0"s,
+                                     "[[",
+                                     "1e12",
+                                     "-1e12",
+                                     "4294967296",
+                                     "0 0 0",
+                                     "\xff"s,
+                                     "end_header\n",
+                                     "\xff\xff\xff\x7f"s};
 
 TEST(FolderFuzz, DamagedTrajectories) {
   const TemporaryFolder folder;
@@ -97,7 +92,7 @@ TEST(FolderFuzz, DamagedTrajectories) {
                                "1403636579763555392,1,2,3,1,0,0,0,9\n"};
   Rng random(1);
   for (int i = 0; i < 6000; ++i) {
-    const std::string broken = damaged(texts[i % 3], kPieces, random);
+    const std::string broken = damaged(texts[i % 3], kFolderPieces, random);
     expect_trajectory_or_line(folder.file("t.txt", broken));
     ASSERT_FALSE(HasFatalFailure()) << broken;
   }
@@ -116,7 +111,7 @@ TEST(FolderFuzz, DamagedResults) {
   Rng random(2);
   for (const auto& [path, content] : files) {
     for (int i = 0; i < 150; ++i) {
-      const std::string broken = damaged(content, kPieces, random);
+      const std::string broken = damaged(content, kFolderPieces, random);
       std::ofstream(path, std::ios::binary) << broken;
       expect_reconstruction_or_line(out);
       ASSERT_FALSE(HasFatalFailure()) << path << " " << i;

@@ -15,11 +15,7 @@
 namespace raysfm {
 namespace {
 
-void expect_line(const Error& error) {
-  ASSERT_EQ(error.kind, ErrorKind::kBadInput);
-  ASSERT_EQ(error.message.find('\n'), std::string::npos) << error.message;
-  ASSERT_FALSE(error.message.empty());
-}
+using testing_support::expect_line;
 
 void expect_bal_or_line(const std::string& text) {
   const Result<BalFile> file = parse_bal(text, "file");
@@ -60,25 +56,25 @@ void expect_model_or_line(const ColmapFiles& files) {
 
 // Pieces that have a meaning in these formats.
 using namespace std::string_literals;
-const std::string kPieces[] = {" ",
-                               "\n",
-                               "-1",
-                               "nan",
-                               "inf",
-                               "1e999",
-                               "1e308",
-                               "99999999999",
-                               "18446744073709551615",
-                               "0x1",
-                               "#",
-                               "\n\n",
-                               "1 ",
-                               "\0"s,
-                               "\xff\xff\xff\xff"s,
-                               "\0\0\0\0\0\0\xf0\x7f"s,
-                               "\0\0\0\0"s,
-                               "PINHOLE",
-                               "4294967296"};
+const std::string kModelPieces[] = {" ",
+                                    "\n",
+                                    "-1",
+                                    "nan",
+                                    "inf",
+                                    "1e999",
+                                    "1e308",
+                                    "99999999999",
+                                    "18446744073709551615",
+                                    "0x1",
+                                    "#",
+                                    "\n\n",
+                                    "1 ",
+                                    "\0"s,
+                                    "\xff\xff\xff\xff"s,
+                                    "\0\0\0\0\0\0\xf0\x7f"s,
+                                    "\0\0\0\0"s,
+                                    "PINHOLE",
+                                    "4294967296"};
 
 // What of it lies at the beginning is hit more often: counts and identifiers.
 ColmapFiles small_model(bool binary) {
@@ -114,7 +110,7 @@ TEST(ReconstructionFuzz, DamagedBalFiles) {
   expect_bal_or_line(text);
   Rng random(1);
   for (int i = 0; i < 20000; ++i) {
-    const std::string broken = testing_support::damaged(text, kPieces, random);
+    const std::string broken = testing_support::damaged(text, kModelPieces, random);
     expect_bal_or_line(broken);
     ASSERT_FALSE(HasFatalFailure()) << broken;
   }
@@ -129,7 +125,7 @@ TEST(ReconstructionFuzz, DamagedColmapModels) {
       ColmapFiles files = whole;
       std::string* const contents[] = {&files.cameras, &files.images, &files.points};
       std::string& content = *contents[random.index(3)];
-      content = testing_support::damaged(content, kPieces, random);
+      content = testing_support::damaged(content, kModelPieces, random);
       expect_model_or_line(files);
       ASSERT_FALSE(HasFatalFailure()) << content;
     }

@@ -9,16 +9,17 @@
 
 #include "raysfm/camera/observed_ray.h"
 #include "raysfm/core/random.h"
+#include "support/pose_errors.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::normal_vector;
+using testing_support::rotation_error;
+
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
 
 Camera pinhole_camera() {
   Camera camera;
@@ -43,7 +44,7 @@ Rig three_cameras() {
   return rig;
 }
 
-struct Scene {
+struct PoseScene {
   Rig rig;
   Rigid3 rig_from_world;
   std::vector<Vector3d> points = {};
@@ -69,8 +70,8 @@ struct Scene {
 
 // Points 3 to 20 units before the cameras in turn, `noise` pixels on each coordinate, the first
 // `outliers` pixels anywhere in the image.
-Scene make_scene(const Rig& rig, int count, double noise, double outliers, Rng& rng) {
-  Scene scene{.rig = rig, .rig_from_world = {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)}};
+PoseScene make_pose_scene(const Rig& rig, int count, double noise, double outliers, Rng& rng) {
+  PoseScene scene{.rig = rig, .rig_from_world = {exp_so3(normal_vector(rng)), 10 * normal_vector(rng)}};
   const Rigid3 world_from_rig = scene.rig_from_world.inverse();
   for (int i = 0; i < count; ++i) {
     const int c = i % static_cast<int>(rig.cameras.size());
@@ -87,16 +88,13 @@ Scene make_scene(const Rig& rig, int count, double noise, double outliers, Rng& 
   return scene;
 }
 
-double rotation_error(const Rigid3& a, const Rigid3& b) {
-  return rotation_angle(a.rotation * b.rotation.conjugate());
-}
 double position_error(const Rigid3& a, const Rigid3& b) {
   return (a.inverse().translation - b.inverse().translation).norm();
 }
 
 TEST(PoseResiduals, JacobianIsTheDerivative) {
   Rng rng(1);
-  const Scene scene = make_scene(three_cameras(), 30, 2, 0, rng);
+  const PoseScene scene = make_pose_scene(three_cameras(), 30, 2, 0, rng);
   const PoseObservations observations = scene.observations();
   PoseResiduals residuals;
   residuals.load(scene.rig, observations);
@@ -116,7 +114,7 @@ TEST(PoseResiduals, JacobianIsTheDerivative) {
 }
 
 // Moves the rays of a scene, and the points with them, apart.
-std::vector<Vector3d> make_non_central(Scene* scene, Rng& rng) {
+std::vector<Vector3d> make_non_central(PoseScene* scene, Rng& rng) {
   std::vector<Vector3d> offsets;
   const Rigid3 world_from_rig = scene->rig_from_world.inverse();
   for (Vector3d& point : scene->points) {
@@ -128,11 +126,11 @@ std::vector<Vector3d> make_non_central(Scene* scene, Rng& rng) {
 
 TEST(PoseResiduals, OfRaysAreThoseOfPixelsForASmallError) {
   Rng rng(11);
-  Scene scene = make_scene(three_cameras(), 30, 0.05, 0, rng);
+  PoseScene scene = make_pose_scene(three_cameras(), 30, 0.05, 0, rng);
   const PoseObservations pixels = scene.observations();
   PoseResiduals pixel_residuals;
   pixel_residuals.load(scene.rig, pixels);
-  Scene seen = scene;
+  PoseScene seen = scene;
   seen.keep_rays_alone();
   const PoseObservations rays{seen.points, {}, {}, seen.rays};
   const Rig no_rig;
@@ -158,7 +156,8 @@ TEST_P(PoseOfRig, IsFoundAmongOutliers) {
   PoseEstimate estimate;
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, 2);
-    Scene scene = make_scene(sight == Sight::kOneCamera ? mono() : three_cameras(), 300, 0.5, outliers, rng);
+    PoseScene scene =
+        make_pose_scene(sight == Sight::kOneCamera ? mono() : three_cameras(), 300, 0.5, outliers, rng);
     if (sight == Sight::kRaysOfThree) scene.keep_rays_alone();
     if (sight == Sight::kNonCentral) scene.keep_rays_alone(make_non_central(&scene, rng));
     PoseOptions options;
@@ -190,7 +189,7 @@ TEST(AbsolutePose, FiveRaysFromTheLastPose) {
   PoseEstimate estimate;
   for (uint64_t seed = 0; seed < 10; ++seed) {
     Rng rng(seed, 12);
-    Scene scene = make_scene(three_cameras(), 200, 0.5, 0.3, rng);
+    PoseScene scene = make_pose_scene(three_cameras(), 200, 0.5, 0.3, rng);
     scene.keep_rays_alone(make_non_central(&scene, rng));
     const Rigid3 last{exp_so3(0.05 * normal_vector(rng)) * scene.rig_from_world.rotation,
                       scene.rig_from_world.translation + 0.2 * normal_vector(rng)};
@@ -206,7 +205,7 @@ TEST(AbsolutePose, FiveRaysFromTheLastPose) {
 
 TEST(AbsolutePose, ExactDataGiveTheExactPose) {
   Rng rng(3);
-  const Scene scene = make_scene(mono(), 100, 0, 0, rng);
+  const PoseScene scene = make_pose_scene(mono(), 100, 0, 0, rng);
   PoseEstimator estimator;
   PoseEstimate estimate;
   estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
@@ -218,7 +217,7 @@ TEST(AbsolutePose, ExactDataGiveTheExactPose) {
 
 TEST(AbsolutePose, AGoodPriorSavesTheSamplesAndABadOneDoesNoHarm) {
   Rng rng(4);
-  const Scene scene = make_scene(mono(), 400, 0.5, 0.2, rng);
+  const PoseScene scene = make_pose_scene(mono(), 400, 0.5, 0.2, rng);
   PoseEstimator estimator;
   PoseEstimate without, with_good, with_bad;
   estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &without);
@@ -239,7 +238,7 @@ TEST(AbsolutePose, AGoodPriorSavesTheSamplesAndABadOneDoesNoHarm) {
 
 TEST(AbsolutePose, SameSeedSameBits) {
   Rng rng(5);
-  const Scene scene = make_scene(three_cameras(), 200, 0.5, 0.5, rng);
+  const PoseScene scene = make_pose_scene(three_cameras(), 200, 0.5, 0.5, rng);
   PoseEstimator one, two;
   PoseEstimate a, b;
   one.estimate(scene.rig, scene.observations(), nullptr, {}, &a);
@@ -253,7 +252,7 @@ TEST(AbsolutePose, SameSeedSameBits) {
 TEST(AbsolutePose, AgreesWithOpenCv) {
   for (uint64_t seed = 0; seed < 10; ++seed) {
     Rng rng(seed, 6);
-    const Scene scene = make_scene(mono(), 80, 0.7, 0, rng);
+    const PoseScene scene = make_pose_scene(mono(), 80, 0.7, 0, rng);
     PoseOptions options;
     options.loss = {};
     options.max_error_px = 10;  // keeps all
@@ -282,7 +281,7 @@ TEST(AbsolutePose, AgreesWithOpenCv) {
 TEST(AbsolutePose, StandardDeviationsAreTheUnitOfResiduals) {
   for (const bool rays : {false, true}) {
     Rng rng(13);
-    Scene scene = make_scene(three_cameras(), 300, 0.5, 0.4, rng);
+    PoseScene scene = make_pose_scene(three_cameras(), 300, 0.5, 0.4, rng);
     if (rays) scene.keep_rays_alone();
     PoseEstimator estimator;
     PoseEstimate plain, ones, fours;
@@ -309,7 +308,7 @@ TEST(AbsolutePose, StandardDeviationsAreTheUnitOfResiduals) {
 
 TEST(AbsolutePose, WideErrorsAreNoOutliersWhereTheyAreExpected) {
   Rng rng(14);
-  Scene scene = make_scene(mono(), 300, 0.5, 0.3, rng);
+  PoseScene scene = make_pose_scene(mono(), 300, 0.5, 0.3, rng);
   for (int i = 0; i < 300; ++i) scene.sigmas.push_back(i < 200 ? 0.5f : 5.0f);
   for (int i = 200; i < 300; ++i) scene.pixels[i] += 5 * Vector2d(rng.normal(), rng.normal());
   PoseEstimator estimator;
@@ -327,7 +326,7 @@ std::pair<double, double> covered(const Rig& rig, const RobustLoss& loss, bool r
   const int trials = mixed ? 4000 : 2000, points = mixed ? 300 : 150;
   constexpr double kNoise = 0.8, kEllipsoid90Of6 = 10.645;
   Rng rng(7);
-  Scene scene = make_scene(rig, points, 0, 0, rng);
+  PoseScene scene = make_pose_scene(rig, points, 0, 0, rng);
   const std::vector<Vector2d> exact = scene.pixels;
   for (int i = 0; mixed && i < points; ++i) {
     const bool near = (scene.rig_from_world * scene.points[i]).norm() < 8;
@@ -395,18 +394,18 @@ TEST(AbsolutePose, SaysWhyItFails) {
   Rng rng(8);
   PoseEstimator estimator;
   PoseEstimate estimate;
-  Scene scene = make_scene(mono(), 11, 0, 0, rng);
+  PoseScene scene = make_pose_scene(mono(), 11, 0, 0, rng);
   estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
   EXPECT_EQ(estimate.problem, PoseProblem::kTooFewObservations);
   estimator.estimate(scene.rig, {}, nullptr, {}, &estimate);
   EXPECT_EQ(estimate.problem, PoseProblem::kTooFewObservations);
 
-  scene = make_scene(mono(), 100, 0, 1.0, rng);
+  scene = make_pose_scene(mono(), 100, 0, 1.0, rng);
   estimator.estimate(scene.rig, scene.observations(), nullptr, {}, &estimate);
   EXPECT_EQ(estimate.problem, PoseProblem::kTooFewInliers);
 
   // All points on one line: the pose may turn about it.
-  scene = make_scene(mono(), 50, 0, 0, rng);
+  scene = make_pose_scene(mono(), 50, 0, 0, rng);
   const Rigid3 world_from_rig = scene.rig_from_world.inverse();
   for (int i = 0; i < 50; ++i) {
     const Vector3d x(-2 + 0.08 * i, 0.5, 6 + 0.03 * i);
@@ -421,7 +420,7 @@ TEST(AbsolutePose, SaysWhyItFails) {
 
 TEST(AbsolutePose, NotANumberIsAnOutlier) {
   Rng rng(9);
-  Scene scene = make_scene(mono(), 100, 0.3, 0, rng);
+  PoseScene scene = make_pose_scene(mono(), 100, 0.3, 0, rng);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (int i = 0; i < 20; ++i) scene.points[i].y() = nan;
   for (int i = 20; i < 40; ++i) scene.pixels[i].x() = nan;

@@ -5,20 +5,16 @@
 #include <limits>
 
 #include "raysfm/robust/rig_refinement.h"
+#include "support/pose_errors.h"
 #include "support/rig_test_scenes.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::kDegree;
+
 using namespace rig_scenes;
 using Eigen::Vector3d;
-
-constexpr double kDegree = M_PI / 180;
-
-struct Case {
-  Kind kind;
-  Motion motion;
-};
 
 class GenericStartScenes : public testing::TestWithParam<std::tuple<Kind, Motion, double>> {};
 

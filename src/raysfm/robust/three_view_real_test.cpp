@@ -12,14 +12,15 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/robust/three_view_start.h"
+#include "support/pose_errors.h"
 #include "support/shared_data.h"
 
 namespace raysfm {
 namespace {
 
-using Eigen::Vector3d;
+using testing_support::kDegree;
 
-constexpr double kDegree = std::numbers::pi / 180;
+using Eigen::Vector3d;
 
 std::filesystem::path nth_file(const std::filesystem::path& folder, int n) {
   std::vector<std::filesystem::path> files;

@@ -7,20 +7,21 @@
 #include "raysfm/core/random.h"
 #include "raysfm/geometry/triangulation.h"
 #include "raysfm/robust/three_view_refinement.h"
+#include "support/pose_errors.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::kDegree;
+using testing_support::normal_vector;
+using testing_support::rotation_error;
+
 using Eigen::Vector3d;
 
 constexpr double kPixel = 1.0 / 700;  // radians
-constexpr double kDegree = std::numbers::pi / 180;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
-struct Scene {
+struct ThreeViewScene {
   std::vector<Vector3d> bearings[3];
   std::vector<Vector3d> points;
   Rigid3 cam1_from_cam0, cam2_from_cam0;
@@ -36,8 +37,8 @@ struct Recipe {
   int matches = 300;
 };
 
-Scene make_scene(const Recipe& recipe, Rng& rng) {
-  Scene scene;
+ThreeViewScene make_three_views(const Recipe& recipe, Rng& rng) {
+  ThreeViewScene scene;
   const Vector3d axis = normal_vector(rng).normalized();
   const auto pose = [&](int view) {
     const Vector3d position = view * recipe.step + (view == 2 ? recipe.bend : Vector3d::Zero());
@@ -61,7 +62,7 @@ Scene make_scene(const Recipe& recipe, Rng& rng) {
   return scene;
 }
 
-ThreeViewStart solve(const Scene& scene, uint64_t seed = 0) {
+ThreeViewStart solve(const ThreeViewScene& scene, uint64_t seed = 0) {
   ThreeViewOptions options;
   options.max_error = 2 * kPixel;
   options.seed = seed;
@@ -71,11 +72,8 @@ ThreeViewStart solve(const Scene& scene, uint64_t seed = 0) {
 double direction_error(const Vector3d& a, const Vector3d& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b));
 }
-double rotation_error(const Rigid3& a, const Rigid3& b) {
-  return rotation_angle(a.rotation * b.rotation.conjugate());
-}
-
-void expect_truth(const ThreeViewStart& start, const Scene& scene, double rotation, double direction) {
+void expect_truth(const ThreeViewStart& start, const ThreeViewScene& scene, double rotation,
+                  double direction) {
   ASSERT_TRUE(start.ok()) << describe(start);
   EXPECT_NEAR(start.cam2_from_cam0.translation.norm(), 1, 1e-12);
   EXPECT_LT(rotation_error(start.cam1_from_cam0, scene.cam1_from_cam0), rotation);
@@ -88,7 +86,7 @@ void expect_truth(const ThreeViewStart& start, const Scene& scene, double rotati
 
 TEST(ThreeViewStart, ExactMatchesGiveTheExactMotionAndPoints) {
   Rng rng(1);
-  const Scene scene = make_scene({.noise = 0}, rng);
+  const ThreeViewScene scene = make_three_views({.noise = 0}, rng);
   const ThreeViewStart start = solve(scene);
   expect_truth(start, scene, 1e-6, 1e-5);
   EXPECT_EQ(start.inlier_count, 300);
@@ -96,19 +94,19 @@ TEST(ThreeViewStart, ExactMatchesGiveTheExactMotionAndPoints) {
   for (int i = 0; i < 300; ++i) EXPECT_LT((start.points_in_cam0[i] - scale * scene.points[i]).norm(), 1e-3);
 }
 
-struct Case {
+struct StartCase {
   const char* name;
   Recipe recipe;
   double rotation, direction;  // largest errors, radians
 };
 
-class ThreeViewScenes : public testing::TestWithParam<Case> {};
+class ThreeViewScenes : public testing::TestWithParam<StartCase> {};
 
 TEST_P(ThreeViewScenes, MotionIsFound) {
-  const Case& c = GetParam();
+  const StartCase& c = GetParam();
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, 2);
-    const Scene scene = make_scene(c.recipe, rng);
+    const ThreeViewScene scene = make_three_views(c.recipe, rng);
     const ThreeViewStart start = solve(scene, seed);
     SCOPED_TRACE(seed);
     expect_truth(start, scene, c.rotation, c.direction);
@@ -124,33 +122,34 @@ TEST_P(ThreeViewScenes, MotionIsFound) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, ThreeViewScenes,
-    testing::Values(Case{"sideways", {}, 0.2 * kDegree, 2 * kDegree},
-                    Case{"outliers", {.outliers = 0.4}, 0.3 * kDegree, 3 * kDegree},
-                    Case{"forward", {.step = {0, 0, 0.8}, .near = 6, .far = 40}, 0.2 * kDegree, 2 * kDegree},
-                    Case{"forward_outliers",
-                         {.step = {0, 0, 0.8}, .near = 6, .far = 40, .outliers = 0.3},
-                         0.2 * kDegree,
-                         2 * kDegree},
-                    Case{"planar",
-                         {.step = {0.8, 0, 0.1}, .planar = true, .bend = {0, 0.5, 0}},
-                         0.4 * kDegree,
-                         4 * kDegree},
-                    Case{"planar_forward",
-                         {.step = {0.1, 0, 1}, .planar = true, .bend = {0.7, 0, 0}},
-                         0.4 * kDegree,
-                         4 * kDegree}),
+    testing::Values(StartCase{"sideways", {}, 0.2 * kDegree, 2 * kDegree},
+                    StartCase{"outliers", {.outliers = 0.4}, 0.3 * kDegree, 3 * kDegree},
+                    StartCase{
+                        "forward", {.step = {0, 0, 0.8}, .near = 6, .far = 40}, 0.2 * kDegree, 2 * kDegree},
+                    StartCase{"forward_outliers",
+                              {.step = {0, 0, 0.8}, .near = 6, .far = 40, .outliers = 0.3},
+                              0.2 * kDegree,
+                              2 * kDegree},
+                    StartCase{"planar",
+                              {.step = {0.8, 0, 0.1}, .planar = true, .bend = {0, 0.5, 0}},
+                              0.4 * kDegree,
+                              4 * kDegree},
+                    StartCase{"planar_forward",
+                              {.step = {0.1, 0, 1}, .planar = true, .bend = {0.7, 0, 0}},
+                              0.4 * kDegree,
+                              4 * kDegree}),
     [](const auto& info) { return std::string(info.param.name); });
 
 TEST(ThreeViewStart, SaysWhyThereIsNoStart) {
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, 3);
-    EXPECT_EQ(solve(make_scene({.matches = 20}, rng)).problem, StartProblem::kTooFewMatches);
-    EXPECT_EQ(solve(make_scene({.step = {0, 0, 0}, .turn = 0}, rng)).problem, StartProblem::kNoMotion);
-    EXPECT_EQ(solve(make_scene({.step = {0, 0, 0}}, rng)).problem, StartProblem::kRotationOnly);
-    EXPECT_EQ(solve(make_scene({.step = {0, 0, 0}, .outliers = 0.3}, rng)).problem,
+    EXPECT_EQ(solve(make_three_views({.matches = 20}, rng)).problem, StartProblem::kTooFewMatches);
+    EXPECT_EQ(solve(make_three_views({.step = {0, 0, 0}, .turn = 0}, rng)).problem, StartProblem::kNoMotion);
+    EXPECT_EQ(solve(make_three_views({.step = {0, 0, 0}}, rng)).problem, StartProblem::kRotationOnly);
+    EXPECT_EQ(solve(make_three_views({.step = {0, 0, 0}, .outliers = 0.3}, rng)).problem,
               StartProblem::kRotationOnly);
-    EXPECT_EQ(solve(make_scene({.step = {1e-3, 0, 0}}, rng)).problem, StartProblem::kRotationOnly);
-    EXPECT_EQ(solve(make_scene({.outliers = 1}, rng)).problem, StartProblem::kTooFewInliers);
+    EXPECT_EQ(solve(make_three_views({.step = {1e-3, 0, 0}}, rng)).problem, StartProblem::kRotationOnly);
+    EXPECT_EQ(solve(make_three_views({.outliers = 1}, rng)).problem, StartProblem::kTooFewInliers);
   }
   EXPECT_EQ(start_from_three_views({}, {}, {}, {}).problem, StartProblem::kTooFewMatches);
 }
@@ -161,7 +160,7 @@ TEST(ThreeViewStart, AnAmbiguousPlaneIsNotGuessed) {
     int ambiguous = 0, right = 0, wrong = 0;
     for (uint64_t seed = 0; seed < 60; ++seed) {
       Rng rng(seed, 2);
-      const Scene scene = make_scene({.step = step, .planar = true}, rng);
+      const ThreeViewScene scene = make_three_views({.step = step, .planar = true}, rng);
       const ThreeViewStart start = solve(scene, seed);
       const bool good = rotation_error(start.cam2_from_cam0, scene.cam2_from_cam0) < 1 * kDegree;
       ++(start.problem == StartProblem::kAmbiguous ? ambiguous : good ? right : wrong);
@@ -175,7 +174,7 @@ TEST(ThreeViewStart, AnAmbiguousPlaneIsNotGuessed) {
 TEST(ThreeViewStart, AFarSceneIsNotReconstructed) {
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Rng rng(seed, 4);
-    const ThreeViewStart start = solve(make_scene({.step = {0.3, 0, 0}, .near = 300, .far = 400}, rng));
+    const ThreeViewStart start = solve(make_three_views({.step = {0.3, 0, 0}, .near = 300, .far = 400}, rng));
     EXPECT_TRUE(start.problem == StartProblem::kTooLittleParallax ||
                 start.problem == StartProblem::kRotationOnly)
         << describe(start);
@@ -184,7 +183,7 @@ TEST(ThreeViewStart, AFarSceneIsNotReconstructed) {
 
 TEST(ThreeViewStart, SameSeedSameBits) {
   Rng rng(5);
-  const Scene scene = make_scene({.outliers = 0.4}, rng);
+  const ThreeViewScene scene = make_three_views({.outliers = 0.4}, rng);
   const ThreeViewStart a = solve(scene, 3), b = solve(scene, 3);
   EXPECT_EQ(a.cam1_from_cam0.translation, b.cam1_from_cam0.translation);
   EXPECT_EQ(a.cam2_from_cam0.rotation.coeffs(), b.cam2_from_cam0.rotation.coeffs());
@@ -194,7 +193,7 @@ TEST(ThreeViewStart, SameSeedSameBits) {
 // The sum of squared tangents over poses and points, each point at its own best place, by other means.
 TEST(ThreeViewRefiner, NoMotionNearbyIsBetter) {
   Rng rng(6);
-  const Scene scene = make_scene({.matches = 40}, rng);
+  const ThreeViewScene scene = make_three_views({.matches = 40}, rng);
   const ThreeViewBearings bearings{{scene.bearings[0], scene.bearings[1], scene.bearings[2]}};
   std::vector<int> all(40);
   for (int i = 0; i < 40; ++i) all[i] = i;

@@ -9,20 +9,19 @@
 #include <vector>
 
 #include "raysfm/core/random.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::normal_vector;
+
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
 enum class Scene { kGeneral, kPlanar, kForward, kPlanarForward, kOmnidirectional };
 
-struct Problem {
+struct FivePointProblem {
   std::array<Vector3d, 5> bearings0, bearings1;
   Rigid3 cam1_from_cam0;  // |translation| = 1
 
@@ -31,8 +30,8 @@ struct Problem {
   }
 };
 
-Problem random_problem(Rng& rng, Scene scene = Scene::kGeneral) {
-  Problem problem;
+FivePointProblem random_five_points(Rng& rng, Scene scene = Scene::kGeneral) {
+  FivePointProblem problem;
   const bool forward = scene == Scene::kForward || scene == Scene::kPlanarForward;
   const bool planar = scene == Scene::kPlanar || scene == Scene::kPlanarForward;
   const Vector3d t = forward ? Vector3d(0.05 * rng.normal(), 0.05 * rng.normal(), -1) : normal_vector(rng);
@@ -52,7 +51,7 @@ double essential_error(const Matrix3d& a, const Matrix3d& b) {
   return std::min((a - b).norm(), (a + b).norm()) / b.norm();
 }
 
-double best_error(const Problem& problem) {
+double best_error(const FivePointProblem& problem) {
   std::array<Matrix3d, 10> essentials;
   const int count = five_point(problem.bearings0, problem.bearings1, &essentials);
   double best = std::numeric_limits<double>::infinity();
@@ -65,7 +64,7 @@ class FivePointScenes : public testing::TestWithParam<Scene> {};
 TEST_P(FivePointScenes, TruthIsAmongTheSolutions) {
   Rng rng(1);
   int missed = 0;
-  for (int i = 0; i < 10000; ++i) missed += !(best_error(random_problem(rng, GetParam())) < 1e-6);
+  for (int i = 0; i < 10000; ++i) missed += !(best_error(random_five_points(rng, GetParam())) < 1e-6);
   EXPECT_LE(missed, 3);
 }
 
@@ -78,7 +77,7 @@ TEST(FivePoint, EverySolutionIsAnEssentialMatrixOfTheMatches) {
   std::array<Matrix3d, 10> essentials;
   int bad = 0, total = 0;
   for (int i = 0; i < 2000; ++i) {
-    const Problem problem = random_problem(rng);
+    const FivePointProblem problem = random_five_points(rng);
     const int count = five_point(problem.bearings0, problem.bearings1, &essentials);
     for (int k = 0; k < count; ++k) {
       const Vector3d values = essentials[k].jacobiSvd().singularValues();
@@ -100,8 +99,8 @@ TEST(FivePoint, TheFrameDoesNotMatter) {
   int different = 0;
   constexpr int kProblems = 1000;
   for (int i = 0; i < kProblems; ++i) {
-    const Problem problem = random_problem(rng);
-    Problem turned = problem;
+    const FivePointProblem problem = random_five_points(rng);
+    FivePointProblem turned = problem;
     const Matrix3d turn0 = exp_so3(normal_vector(rng)).toRotationMatrix();
     const Matrix3d turn1 = exp_so3(normal_vector(rng)).toRotationMatrix();
     for (int j = 0; j < 5; ++j) {
@@ -125,7 +124,7 @@ TEST(FivePoint, TheFrameDoesNotMatter) {
 TEST(FivePoint, DegenerateInputsGiveFiniteOutput) {
   Rng rng(4);
   std::array<Matrix3d, 10> essentials;
-  const auto check = [&](const Problem& problem) {
+  const auto check = [&](const FivePointProblem& problem) {
     const int count = five_point(problem.bearings0, problem.bearings1, &essentials);
     EXPECT_LE(count, 10);
     for (int k = 0; k < count; ++k) {
@@ -135,24 +134,24 @@ TEST(FivePoint, DegenerateInputsGiveFiniteOutput) {
     return count;
   };
   for (int i = 0; i < 300; ++i) {
-    Problem still = random_problem(rng);  // no motion at all
+    FivePointProblem still = random_five_points(rng);  // no motion at all
     still.bearings1 = still.bearings0;
     check(still);
-    Problem rotation = random_problem(rng);
+    FivePointProblem rotation = random_five_points(rng);
     for (int j = 0; j < 5; ++j)
       rotation.bearings1[j] = rotation.cam1_from_cam0.rotation * rotation.bearings0[j];
     check(rotation);
-    Problem near_repeat = random_problem(rng);
+    FivePointProblem near_repeat = random_five_points(rng);
     near_repeat.bearings0[1] = (near_repeat.bearings0[0] + 1e-9 * normal_vector(rng)).normalized();
     near_repeat.bearings1[1] = near_repeat.bearings1[0];
     check(near_repeat);
-    Problem repeat = random_problem(rng);
+    FivePointProblem repeat = random_five_points(rng);
     repeat.bearings0[3] = repeat.bearings0[2], repeat.bearings1[3] = repeat.bearings1[2];
     EXPECT_EQ(check(repeat), 0);
-    Problem nothing = random_problem(rng);
+    FivePointProblem nothing = random_five_points(rng);
     nothing.bearings0[4].y() = std::numeric_limits<double>::quiet_NaN();
     EXPECT_EQ(check(nothing), 0);
-    Problem random = random_problem(rng);
+    FivePointProblem random = random_five_points(rng);
     for (int j = 0; j < 5; ++j) random.bearings1[j] = normal_vector(rng).normalized();
     check(random);
   }
@@ -161,7 +160,7 @@ TEST(FivePoint, DegenerateInputsGiveFiniteOutput) {
 TEST(Essential, DecompositionHoldsTheTruthAndFourRotations) {
   Rng rng(5);
   for (int i = 0; i < 1000; ++i) {
-    const Problem problem = random_problem(rng, Scene::kOmnidirectional);
+    const FivePointProblem problem = random_five_points(rng, Scene::kOmnidirectional);
     const double scale = (rng.uniform() < 0.5 ? -1 : 1) * std::exp(rng.normal());
     const std::array<Rigid3, 4> poses = decompose_essential(scale * problem.essential());
     double best = 10;
@@ -181,7 +180,7 @@ TEST(Essential, CheiralityChoosesTheTruth) {
   for (const Scene scene : {Scene::kGeneral, Scene::kForward, Scene::kOmnidirectional, Scene::kPlanar}) {
     int wrong = 0;
     for (int i = 0; i < 1000; ++i) {
-      const Problem problem = random_problem(rng, scene);
+      const FivePointProblem problem = random_five_points(rng, scene);
       Rigid3 pose;
       const int in_front = choose_pose(-problem.essential(), problem.bearings0, problem.bearings1, &pose);
       const double error = rotation_angle(pose.rotation * problem.cam1_from_cam0.rotation.conjugate()) +
@@ -192,7 +191,7 @@ TEST(Essential, CheiralityChoosesTheTruth) {
     EXPECT_EQ(wrong, 0);
   }
   Rigid3 pose;
-  EXPECT_EQ(choose_pose(random_problem(rng).essential(), {}, {}, &pose), 0);
+  EXPECT_EQ(choose_pose(random_five_points(rng).essential(), {}, {}, &pose), 0);
 }
 
 }  // namespace

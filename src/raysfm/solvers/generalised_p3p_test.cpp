@@ -6,25 +6,24 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/solvers/p3p.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::normal_vector;
+
 using Eigen::Vector3d;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
-struct Problem {
+struct GeneralisedP3pProblem {
   std::array<Ray, 3> rays;
   std::array<Vector3d, 3> points;
   Rigid3 rig_from_world;
 };
 
 // Rays in all directions whose origins are about `spread` apart, points 1 to 8 units along them.
-Problem random_problem(Rng& rng, double spread, double scale = 1) {
-  Problem problem;
+GeneralisedP3pProblem random_problem(Rng& rng, double spread, double scale = 1) {
+  GeneralisedP3pProblem problem;
   problem.rig_from_world = {exp_so3(normal_vector(rng)), scale * normal_vector(rng)};
   const Rigid3 world_from_rig = problem.rig_from_world.inverse();
   for (int i = 0; i < 3; ++i) {
@@ -41,7 +40,7 @@ double pose_error(const Rigid3& a, const Rigid3& b, double scale) {
          (a.translation - b.translation).norm() / (scale + b.translation.norm());
 }
 
-double best_error(const Problem& problem, double scale = 1) {
+double best_error(const GeneralisedP3pProblem& problem, double scale = 1) {
   std::array<Rigid3, 8> poses;
   const int count = generalised_p3p(problem.rays, problem.points, &poses);
   double best = std::numeric_limits<double>::infinity();
@@ -67,7 +66,7 @@ TEST(GeneralisedP3p, EverySolutionPutsThePointsOnTheirRays) {
   double worst = 0;
   int most = 0;
   for (int i = 0; i < 10000; ++i) {
-    const Problem problem = random_problem(rng, 0.5);
+    const GeneralisedP3pProblem problem = random_problem(rng, 0.5);
     const int count = generalised_p3p(problem.rays, problem.points, &poses);
     most = std::max(most, count);
     for (int k = 0; k < count; ++k) {
@@ -85,7 +84,7 @@ TEST(GeneralisedP3p, EverySolutionPutsThePointsOnTheirRays) {
 TEST(GeneralisedP3p, OneOriginIsP3p) {
   Rng rng(3);
   for (int i = 0; i < 200; ++i) {
-    Problem problem = random_problem(rng, 0);
+    GeneralisedP3pProblem problem = random_problem(rng, 0);
     const Vector3d centre = normal_vector(rng);
     std::array<Vector3d, 3> bearings;
     for (int j = 0; j < 3; ++j) problem.rays[j].origin = centre, bearings[j] = problem.rays[j].direction;
@@ -105,7 +104,7 @@ TEST(GeneralisedP3p, ScaleAndTheFrameOfTheRigDoNotMatter) {
     for (int i = 0; i < 1000; ++i) missed += best_error(random_problem(rng, 0.3, scale), scale) > 1e-6;
   }
   for (int i = 0; i < 1000; ++i) {
-    Problem problem = random_problem(rng, 0.3);
+    GeneralisedP3pProblem problem = random_problem(rng, 0.3);
     const Rigid3 other_from_rig{exp_so3(normal_vector(rng)), 5 * normal_vector(rng)};
     problem.rig_from_world = other_from_rig * problem.rig_from_world;
     for (Ray& ray : problem.rays) {
@@ -121,7 +120,7 @@ TEST(GeneralisedP3p, TwoOfThreeFromOneCamera) {
   Rng rng(5);
   int missed = 0;
   for (int i = 0; i < 2000; ++i) {
-    Problem problem = random_problem(rng, 0.5);
+    GeneralisedP3pProblem problem = random_problem(rng, 0.5);
     problem.rays[1].origin = problem.rays[0].origin;
     problem.points[1] = problem.rig_from_world.inverse() *
                         (problem.rays[1].origin + rng.uniform(1, 8) * problem.rays[1].direction);
@@ -133,7 +132,7 @@ TEST(GeneralisedP3p, TwoOfThreeFromOneCamera) {
 TEST(GeneralisedP3p, DegenerateInputGivesNothing) {
   Rng rng(6);
   std::array<Rigid3, 8> poses;
-  Problem problem = random_problem(rng, 0.5);
+  GeneralisedP3pProblem problem = random_problem(rng, 0.5);
   problem.points[2] = problem.points[0] + 0.3 * (problem.points[1] - problem.points[0]);
   EXPECT_EQ(generalised_p3p(problem.rays, problem.points, &poses), 0);
   problem.points = {Vector3d::Ones(), Vector3d::Ones(), Vector3d::Ones()};

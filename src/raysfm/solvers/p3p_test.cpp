@@ -6,24 +6,23 @@
 #include <numbers>
 
 #include "raysfm/core/random.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::normal_vector;
+
 using Eigen::Vector3d;
 
-struct Problem {
+struct P3pProblem {
   std::array<Vector3d, 3> bearings, points;
   Rigid3 cam_from_world;
 };
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
 // Points in front of a camera with a wide view, anywhere in the world.
-Problem random_problem(Rng& rng, double scale = 1.0, double flatness = 1.0) {
-  Problem problem;
+P3pProblem random_p3p(Rng& rng, double scale = 1.0, double flatness = 1.0) {
+  P3pProblem problem;
   problem.cam_from_world = {exp_so3(std::numbers::pi * rng.uniform() * normal_vector(rng).normalized()),
                             scale * normal_vector(rng)};
   const Rigid3 world_from_cam = problem.cam_from_world.inverse();
@@ -35,23 +34,23 @@ Problem random_problem(Rng& rng, double scale = 1.0, double flatness = 1.0) {
   return problem;
 }
 
-double pose_error(const Rigid3& a, const Rigid3& b, double scale = 1.0) {
+double p3p_error(const Rigid3& a, const Rigid3& b, double scale = 1.0) {
   return rotation_angle(a.rotation * b.rotation.conjugate()) +
          (a.translation - b.translation).norm() / (scale + b.translation.norm());
 }
 
-double best_error(const Problem& problem, double scale = 1.0) {
+double best_error(const P3pProblem& problem, double scale = 1.0) {
   std::array<Rigid3, 4> poses;
   const int count = p3p(problem.bearings, problem.points, &poses);
   double best = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < count; ++i) best = std::min(best, pose_error(poses[i], problem.cam_from_world, scale));
+  for (int i = 0; i < count; ++i) best = std::min(best, p3p_error(poses[i], problem.cam_from_world, scale));
   return best;
 }
 
 TEST(P3p, TruthIsAmongTheSolutions) {
   Rng rng(1);
   int missed = 0;
-  for (int i = 0; i < 10000; ++i) missed += best_error(random_problem(rng)) > 1e-6;
+  for (int i = 0; i < 10000; ++i) missed += best_error(random_p3p(rng)) > 1e-6;
   EXPECT_LE(missed, 2);
 }
 
@@ -60,7 +59,7 @@ TEST(P3p, EverySolutionPutsThePointsOnTheirBearings) {
   std::array<Rigid3, 4> poses;
   double worst = 0;
   for (int i = 0; i < 10000; ++i) {
-    const Problem problem = random_problem(rng);
+    const P3pProblem problem = random_p3p(rng);
     const int count = p3p(problem.bearings, problem.points, &poses);
     for (int k = 0; k < count; ++k) {
       EXPECT_NEAR(poses[k].rotation.norm(), 1.0, 1e-12);
@@ -75,7 +74,7 @@ TEST(P3p, EverySolutionPutsThePointsOnTheirBearings) {
 
 // Counted independently: the solutions of Grunert's system are the sign changes, along the one-parameter
 // family of triangles that fit two of the sides, of the third law of cosines.
-int count_by_scanning(const Problem& problem) {
+int count_by_scanning(const P3pProblem& problem) {
   const auto& b = problem.bearings;
   const auto& x = problem.points;
   const double side01 = (x[0] - x[1]).norm(), side02 = (x[0] - x[2]).norm(), side12 = (x[1] - x[2]).norm();
@@ -109,7 +108,7 @@ TEST(P3p, FindsAsManySolutionsAsGrunertsSystemHas) {
   std::array<int, 5> histogram = {};
   constexpr int kProblems = 300;
   for (int i = 0; i < kProblems; ++i) {
-    const Problem problem = random_problem(rng);
+    const P3pProblem problem = random_p3p(rng);
     const int count = p3p(problem.bearings, problem.points, &poses);
     ++histogram[count];
     same += count == count_by_scanning(problem);
@@ -123,7 +122,7 @@ TEST(P3p, ScaleAndFrameDoNotMatter) {
   Rng rng(4);
   for (const double scale : {1e-6, 1e-3, 1e3, 1e6}) {
     int missed = 0;
-    for (int i = 0; i < 1000; ++i) missed += best_error(random_problem(rng, scale), scale) > 1e-6;
+    for (int i = 0; i < 1000; ++i) missed += best_error(random_p3p(rng, scale), scale) > 1e-6;
     EXPECT_LE(missed, 1) << scale;
   }
 }
@@ -131,12 +130,12 @@ TEST(P3p, ScaleAndFrameDoNotMatter) {
 TEST(P3p, FrontoParallelPoints) {
   Rng rng(5);
   int missed = 0;
-  for (int i = 0; i < 1000; ++i) missed += best_error(random_problem(rng, 1.0, 0.0)) > 1e-6;
+  for (int i = 0; i < 1000; ++i) missed += best_error(random_p3p(rng, 1.0, 0.0)) > 1e-6;
   EXPECT_LE(missed, 5);
 }
 
 TEST(P3p, SymmetricTriangle) {
-  Problem problem;
+  P3pProblem problem;
   problem.cam_from_world.translation = {0, 0, 3};
   for (int i = 0; i < 3; ++i) {
     const double angle = 2 * std::numbers::pi * i / 3;
@@ -149,19 +148,19 @@ TEST(P3p, SymmetricTriangle) {
 TEST(P3p, DegenerateInputsHaveNoSolution) {
   Rng rng(6);
   std::array<Rigid3, 4> poses;
-  Problem collinear = random_problem(rng);
+  P3pProblem collinear = random_p3p(rng);
   collinear.points[2] = 0.3 * collinear.points[0] + 0.7 * collinear.points[1];
   EXPECT_EQ(p3p(collinear.bearings, collinear.points, &poses), 0);
-  Problem same_point = random_problem(rng);
+  P3pProblem same_point = random_p3p(rng);
   same_point.points[2] = same_point.points[1];
   EXPECT_EQ(p3p(same_point.bearings, same_point.points, &poses), 0);
-  Problem same_bearing = random_problem(rng);
+  P3pProblem same_bearing = random_p3p(rng);
   same_bearing.bearings[2] = same_bearing.bearings[0];
   EXPECT_EQ(p3p(same_bearing.bearings, same_bearing.points, &poses), 0);
-  Problem not_a_number = random_problem(rng);
+  P3pProblem not_a_number = random_p3p(rng);
   not_a_number.points[1].x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(p3p(not_a_number.bearings, not_a_number.points, &poses), 0);
-  not_a_number = random_problem(rng);
+  not_a_number = random_p3p(rng);
   not_a_number.bearings[1].x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(p3p(not_a_number.bearings, not_a_number.points, &poses), 0);
 }

@@ -7,18 +7,17 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/solvers/translation_scale.h"
+#include "support/random_vectors.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::normal_vector;
+
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Vector3d normal_vector(Rng& rng) {
-  return {rng.normal(), rng.normal(), rng.normal()};
-}
-
-struct Problem {
+struct SeventeenPointProblem {
   std::vector<Ray> rays0, rays1;
   Rigid3 rig1_from_rig0;
 };
@@ -31,10 +30,10 @@ std::vector<Vector3d> centres(CentreClass type, Rng& rng) {
 }
 
 // Matches that stay in one camera, or go anywhere.
-Problem make_problem(CentreClass type, bool simple, int count, Rng& rng, double noise = 0) {
+SeventeenPointProblem make_problem(CentreClass type, bool simple, int count, Rng& rng, double noise = 0) {
   const std::vector<Vector3d> origins = centres(type, rng);
   const auto any = [&] { return origins[rng.index(static_cast<uint32_t>(origins.size()))]; };
-  Problem problem;
+  SeventeenPointProblem problem;
   problem.rig1_from_rig0 = {exp_so3(0.5 * normal_vector(rng)), normal_vector(rng)};
   for (int i = 0; i < count; ++i) {
     const Vector3d point = 6 * normal_vector(rng);
@@ -48,7 +47,7 @@ Problem make_problem(CentreClass type, bool simple, int count, Rng& rng, double 
   return problem;
 }
 
-Eigen::MatrixXd pless_system(const Problem& problem) {
+Eigen::MatrixXd pless_system(const SeventeenPointProblem& problem) {
   Eigen::MatrixXd system(problem.rays0.size(), 18);
   for (size_t i = 0; i < problem.rays0.size(); ++i) {
     system.row(i) = pless_row(problem.rays0[i], problem.rays1[i]);
@@ -72,7 +71,7 @@ class Pless : public testing::TestWithParam<std::tuple<CentreClass, bool>> {
 TEST_P(Pless, ClassAndKernelAreThoseOfThePaper) {
   for (uint64_t seed = 0; seed < 10; ++seed) {
     Rng rng(seed, 1);
-    const Problem problem = make_problem(type_, simple_, 40, rng);
+    const SeventeenPointProblem problem = make_problem(type_, simple_, 40, rng);
     const RayClass found = classify_rays(problem.rays0, problem.rays1);
     EXPECT_EQ(found.centres, type_);
     const bool central = type_ == CentreClass::kCentral;
@@ -86,7 +85,7 @@ TEST_P(Pless, ClassAndKernelAreThoseOfThePaper) {
 // Appendix B: they solve the equation of every pair of rays, matched or not.
 TEST_P(Pless, ExactSolutionsHoldForAnyDirections) {
   Rng rng(2);
-  Problem problem = make_problem(type_, simple_, 40, rng);
+  SeventeenPointProblem problem = make_problem(type_, simple_, 40, rng);
   for (Ray& ray : problem.rays1) ray.direction = normal_vector(rng).normalized();
   const Eigen::MatrixXd exact = exact_pless_solutions(classify_rays(problem.rays0, problem.rays1));
   const Eigen::MatrixXd system = pless_system(problem);
@@ -97,8 +96,8 @@ TEST_P(Pless, ExactSolutionsHoldForAnyDirections) {
             1e-12);
 }
 
-double best_rotation_error(const Problem& problem, int count, const std::array<Rigid3, 4>& poses,
-                           double* scale) {
+double best_rotation_error(const SeventeenPointProblem& problem, int count,
+                           const std::array<Rigid3, 4>& poses, double* scale) {
   double best = std::numeric_limits<double>::infinity();
   for (int k = 0; k < count; ++k) {
     const double error = rotation_angle(poses[k].rotation * problem.rig1_from_rig0.rotation.conjugate());
@@ -113,7 +112,7 @@ TEST_P(Pless, TruthIsAmongTheSolutions) {
   int missed = 0;
   for (uint64_t seed = 0; seed < 200; ++seed) {
     Rng rng(seed, 3);
-    const Problem problem = make_problem(type_, simple_, 17, rng);
+    const SeventeenPointProblem problem = make_problem(type_, simple_, 17, rng);
     std::array<Rigid3, 4> poses;
     const int count =
         seventeen_point(problem.rays0, problem.rays1, classify_rays(problem.rays0, problem.rays1), &poses);
@@ -133,7 +132,7 @@ TEST_P(Pless, ManyNoisyMatchesGiveTheMotion) {
   std::vector<double> errors;
   for (uint64_t seed = 0; seed < 31; ++seed) {
     Rng rng(seed, 4);
-    const Problem problem = make_problem(type_, simple_, 300, rng, 1e-3);
+    const SeventeenPointProblem problem = make_problem(type_, simple_, 300, rng, 1e-3);
     std::array<Rigid3, 4> poses;
     ASSERT_GE(
         seventeen_point(problem.rays0, problem.rays1, classify_rays(problem.rays0, problem.rays1), &poses),
@@ -152,7 +151,7 @@ INSTANTIATE_TEST_SUITE_P(All, Pless,
 TEST(SeventeenPoint, DegenerateInputGivesNothingOrIsFinite) {
   Rng rng(5);
   std::array<Rigid3, 4> poses;
-  Problem problem = make_problem(CentreClass::kNonAxial, true, 16, rng);
+  SeventeenPointProblem problem = make_problem(CentreClass::kNonAxial, true, 16, rng);
   RayClass type = classify_rays(problem.rays0, problem.rays1);
   EXPECT_EQ(seventeen_point(problem.rays0, problem.rays1, type, &poses), 0);
   problem = make_problem(CentreClass::kNonAxial, true, 17, rng);

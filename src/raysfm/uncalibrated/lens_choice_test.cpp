@@ -9,7 +9,7 @@
 namespace raysfm {
 namespace {
 
-constexpr int kImages = 9, kPoints = 60;
+constexpr int kChoiceImages = 9, kChoicePoints = 60;
 
 // Images along a line that look at a cloud of points; the pixels are those of lenses of focal length 500.
 struct Seen {
@@ -21,24 +21,24 @@ Seen look() {
   Seen seen;
   Rng rng(3);
   UncalibratedReconstruction& r = seen.truth;
-  for (int j = 0; j < kImages; ++j) {
+  for (int j = 0; j < kChoiceImages; ++j) {
     r.scene.cam_from_world.push_back({Eigen::Quaterniond::Identity(), {0.2 * j, 0, 0}});
     r.scene.lenses.push_back({500, 500, 320, 240, 0});
   }
-  for (int i = 0; i < kPoints; ++i) {
+  for (int i = 0; i < kChoicePoints; ++i) {
     r.scene.points.emplace_back(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(4, 6));
   }
-  seen.tracks.image_count = kImages;
-  seen.tracks.point_count = kPoints;
+  seen.tracks.image_count = kChoiceImages;
+  seen.tracks.point_count = kChoicePoints;
   seen.tracks.image_size = {640, 480};
-  for (int j = 0; j < kImages; ++j) {
-    for (int i = 0; i < kPoints; ++i) {
+  for (int j = 0; j < kChoiceImages; ++j) {
+    for (int i = 0; i < kChoicePoints; ++i) {
       const Eigen::Vector3d x = r.scene.cam_from_world[j] * r.scene.points[i];
       seen.tracks.add(j, i, r.scene.lenses[j].pixel(x.hnormalized()));
     }
   }
-  r.image_posed.assign(kImages, 1);
-  r.point_placed.assign(kPoints, 1);
+  r.image_posed.assign(kChoiceImages, 1);
+  r.point_placed.assign(kChoicePoints, 1);
   r.inlier.assign(seen.tracks.size(), 1);
   return seen;
 }
@@ -48,7 +48,7 @@ UncalibratedReconstruction with(const UncalibratedReconstruction& truth, double 
                                 bool zooming) {
   UncalibratedReconstruction r = truth;
   Rng rng(4);
-  for (int j = 0; j < kImages; ++j) {
+  for (int j = 0; j < kChoiceImages; ++j) {
     const double focal = 500 * (1 + spread * (j % 2 ? 1 : -1));
     r.scene.lenses[j] = {focal, focal, 320, 240, 0};
     r.scene.lenses[j].cx += error;
@@ -65,7 +65,7 @@ bool zooms(double error_fixed, double error_zoom, double spread,
   const UncalibratedReconstruction zoom = with(seen.truth, error_zoom, spread, true);
   UncalibratedReconstruction exact = with(seen.truth, 0, spread, true);
   for (int k = 0; k < tracks.size(); ++k) tracks.pixel[k] += pixel_residual(tracks, exact.scene, {}, k);
-  const std::vector<uint8_t> all(kImages, 1);
+  const std::vector<uint8_t> all(kChoiceImages, 1);
   const auto chosen = choose_lens(tracks, all, with(seen.truth, error_fixed, 0, false), zoom, 50, errors);
   EXPECT_TRUE(chosen);
   EXPECT_FALSE(chosen->lens_evidence.empty());
@@ -89,7 +89,7 @@ TEST(LensChoice, ErrorsOfTheirOwnTellSmallChangesToo) {
 
 TEST(LensChoice, OnlySolutionIsTaken) {
   const Seen seen = look();
-  const std::vector<uint8_t> all(kImages, 1);
+  const std::vector<uint8_t> all(kChoiceImages, 1);
   const Result<UncalibratedReconstruction> none = no_reconstruction("none"),
                                            other = no_reconstruction("other");
   const auto fixed = with(seen.truth, 1, 0, false), zoom = with(seen.truth, 9, 0.1, true);

@@ -54,7 +54,7 @@ Eigen::Vector2d noise(double sigma, Rng* rng) {
   return sigma * Eigen::Vector2d(rng->normal(), rng->normal());
 }
 
-void add_noise(double sigma, Rng* rng, PointTracks* tracks) {
+void add_pixel_noise(double sigma, Rng* rng, PointTracks* tracks) {
   for (Eigen::Vector2d& p : tracks->pixel) p += noise(sigma, rng);
 }
 
@@ -70,7 +70,7 @@ TEST(OneLens, IsFoundWithItsDistortion) {
   const RadialDistortion truth{-0.12, 0.05};
   Footage footage = film(truth);
   Rng rng(7);
-  add_noise(0.02, &rng, &footage.tracks);
+  add_pixel_noise(0.02, &rng, &footage.tracks);
   const auto lens = adjust_one_lens_as_told(footage.tracks, footage.used, {}, footage.truth);
   ASSERT_TRUE(lens.ok()) << lens.error().message;
   EXPECT_EQ(lens->terms, 2);
@@ -86,7 +86,7 @@ TEST(OneLens, WithoutDistortionIsNotGivenOne) {
   for (int t = 0; t < kTrials; ++t) {
     Footage footage = film({});
     Rng rng(100 + t);
-    add_noise(0.1, &rng, &footage.tracks);
+    add_pixel_noise(0.1, &rng, &footage.tracks);
     add_drift(0.1, &rng, &footage.tracks);
     const auto lens = adjust_one_lens_as_told(footage.tracks, footage.used, {}, footage.truth);
     ASSERT_TRUE(lens.ok()) << lens.error().message;
@@ -120,7 +120,7 @@ TEST(OneLens, TracksThatGoWrongAsAWholeWeighLittle) {
   for (int t = 0; t < kTrials; ++t) {
     Footage footage = film({});
     Rng rng(300 + t);
-    add_noise(0.1, &rng, &footage.tracks);
+    add_pixel_noise(0.1, &rng, &footage.tracks);
     std::vector<double> wrong(kPoints, 0);
     for (double& w : wrong) w = rng.uniform(0, 1) < 0.15 ? 0.8 : 0;
     for (int k = 0; k < footage.tracks.size(); ++k) {
@@ -146,7 +146,7 @@ TEST(OneLens, ErrorsThatAreNoNoiseWidenTheStandardDeviations) {
   const auto widened = [](bool systematic) {
     Footage footage = film({});
     Rng rng(11);
-    add_noise(0.1, &rng, &footage.tracks);
+    add_pixel_noise(0.1, &rng, &footage.tracks);
     PointTracks& tracks = footage.tracks;
     for (int k = 0; systematic && k < tracks.size(); ++k) {
       if (tracks.point[k] % 4 == 0) tracks.pixel[k] += 0.01 * (tracks.pixel[k] - tracks.centre());
@@ -164,7 +164,7 @@ TEST(OneLens, ErrorsThatAreNoNoiseWidenTheStandardDeviations) {
 TEST(OneLens, WhatALeftOutCoefficientWouldChangeIsInTheStandardDeviation) {
   Footage footage = film({});
   Rng rng(13);
-  add_noise(0.2, &rng, &footage.tracks);
+  add_pixel_noise(0.2, &rng, &footage.tracks);
   const auto told = adjust_one_lens_as_told(footage.tracks, footage.used, {}, footage.truth);
   const auto free = adjust_one_lens(footage.tracks, footage.used, {}, 1, footage.truth);
   ASSERT_TRUE(told.ok() && free.ok());

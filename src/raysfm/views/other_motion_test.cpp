@@ -7,12 +7,12 @@
 namespace raysfm {
 namespace {
 
-constexpr int kWidth = 320, kHeight = 240, kSpacing = 5;
+constexpr int kSceneWidth = 320, kSceneHeight = 240, kSpacing = 5;
 
 TrackingRig pinhole() {
   Camera camera = testing_support::small_camera();
-  camera.width = kWidth;
-  camera.height = kHeight;
+  camera.width = kSceneWidth;
+  camera.height = kSceneHeight;
   return TrackingRig(Rig{{camera}});
 }
 
@@ -23,8 +23,8 @@ template <typename Kind>
 Map map_of(Kind kind) {
   Map map;
   map.keyframes.resize(2);
-  for (int v = 2; v < kHeight; v += kSpacing) {
-    for (int u = 2; u < kWidth; u += kSpacing) {
+  for (int v = 2; v < kSceneHeight; v += kSpacing) {
+    for (int u = 2; u < kSceneWidth; u += kSpacing) {
       const Corner corner = kind(u, v);
       const int track = map.new_track();
       const int feature = map.keyframes[0].add(0, {static_cast<float>(u), static_cast<float>(v)}, 0, track);

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "raysfm/worlds/paint.h"
 #include "raysfm/worlds/pattern.h"
@@ -112,19 +113,42 @@ Colour books(float u, float v, uint32_t seed, const Texture& noise) {
   return (cover * (1.f - 0.6f * band) + 150.f * band) * (edge < 0.08f ? 0.4f : 1.f) + grain;
 }
 
-Colour painting(float u, float v, uint32_t seed, const Texture& noise) {
+// One of a painting: an ellipse or a box, turned.
+struct Shape {
+  float u, v, cos, sin;
+  float size, other_size;  // halves of the axes
+  bool round;
+  Colour colour;
+};
+
+// The same for every texel.
+struct Picture {
+  Colour ground;
+  float shift;
+  std::vector<Shape> shapes;  // the last ones in front
+};
+
+Picture picture(uint32_t seed) {
+  Picture out{vivid(0, 0, seed) * 0.5f + 90.f, chance(1, 0, seed), {}};
+  for (int i = 0; i < 14; ++i) {
+    const float angle = 6.28f * chance(i, 3, seed), size = 0.03f + 0.16f * chance(i, 4, seed);
+    out.shapes.push_back({chance(i, 1, seed), chance(i, 2, seed), std::cos(angle), std::sin(angle), size,
+                          size * (0.3f + 0.7f * chance(i, 5, seed)), chance(i, 6, seed) < 0.5f,
+                          vivid(i, 7, seed)});
+  }
+  return out;
+}
+
+Colour painting(float u, float v, const Picture& picture, const Texture& noise) {
   if (distance_to_border(u, v) < 0.05f)
     return Colour(150.f, 118.f, 60.f) + 80.f * speckle(noise, u, v, 3.f, 1);
-  Colour c = vivid(0, 0, seed) * 0.5f + 90.f + 130.f * speckle(noise, u + chance(1, 0, seed), v, 0.5f, 0);
-  for (int i = 0; i < 14; ++i) {
-    const float dx = u - chance(i, 1, seed), dy = v - chance(i, 2, seed);
-    const float angle = 6.28f * chance(i, 3, seed), size = 0.03f + 0.16f * chance(i, 4, seed);
-    const float a = (dx * std::cos(angle) + dy * std::sin(angle)) / size;
-    const float b =
-        (dy * std::cos(angle) - dx * std::sin(angle)) / (size * (0.3f + 0.7f * chance(i, 5, seed)));
-    const bool inside =
-        chance(i, 6, seed) < 0.5f ? a * a + b * b < 1.f : std::max(std::abs(a), std::abs(b)) < 1.f;
-    if (inside) c = vivid(i, 7, seed);
+  Colour c = picture.ground + 130.f * speckle(noise, u + picture.shift, v, 0.5f, 0);
+  for (const Shape& shape : picture.shapes) {
+    const float du = u - shape.u, dv = v - shape.v;
+    const float a = (du * shape.cos + dv * shape.sin) / shape.size;
+    const float b = (dv * shape.cos - du * shape.sin) / shape.other_size;
+    const bool inside = shape.round ? a * a + b * b < 1.f : std::max(std::abs(a), std::abs(b)) < 1.f;
+    if (inside) c = shape.colour;
   }
   return c + 50.f * speckle(noise, u, v, 2.f, 1);
 }
@@ -169,7 +193,7 @@ Painter fitted_painter(Pattern pattern, uint32_t seed, const Texture& noise) {
     case Pattern::kBooks:
       return {512, with(books)};
     case Pattern::kPainting:
-      return {512, with(painting)};
+      return {512, [what = picture(seed), &noise](float u, float v) { return painting(u, v, what, noise); }};
     case Pattern::kRug:
       return {512, with(rug)};
     default:
