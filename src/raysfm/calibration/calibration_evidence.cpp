@@ -101,7 +101,13 @@ class Measurement {
   }
 
   void place_cameras() {
-    for (const Camera& camera : parameters_.rig(values_).cameras) present_.push_back(place(camera, -1, 1));
+    for (const Camera& camera : parameters_.rig(values_).cameras) {
+      present_.push_back(place(camera, -1, 1));
+      scanned_down_.push_back(camera);
+      scanned_down_.back().shutter = {1, RollingShutter::Direction::kDown};
+      scanned_right_.push_back(camera);
+      scanned_right_.back().shutter = {1, RollingShutter::Direction::kRight};
+    }
     moved_.resize(present_.size());
     for (int j = 0; j < parameters_.size(); ++j) {
       if (parameters_[j].kind == RigParameters::Kind::kReadout) {
@@ -172,9 +178,8 @@ class Measurement {
   // By how much the place that an observation would have at the instant of the frame moves with a readout.
   Eigen::Vector2d by_readout(int i, int parameter) const {
     const BundleObservation& o = problem_.observations[i];
-    Camera scanning = present_[o.camera].camera;
-    scanning.shutter = {1, parameters_[parameter].index == 0 ? RollingShutter::Direction::kDown
-                                                             : RollingShutter::Direction::kRight};
+    const bool by_rows = parameters_[parameter].index == 0;
+    const Camera& scanning = (by_rows ? scanned_down_ : scanned_right_)[o.camera];
     return -scanning.exposed_after(o.pixel) * velocities_[i];
   }
 
@@ -400,8 +405,9 @@ class Measurement {
   BundleCore<6> core_;
   std::vector<int> pose_number_, point_number_;
   std::vector<Placed> present_;
-  std::vector<std::vector<Placed>> moved_;  // by camera, by parameter that concerns it
-  std::vector<int> readouts_;               // parameters that are one
+  std::vector<std::vector<Placed>> moved_;            // by camera, by parameter that concerns it
+  std::vector<int> readouts_;                         // parameters that are one
+  std::vector<Camera> scanned_down_, scanned_right_;  // the cameras, each in a second
   std::vector<Term> terms_;
   LargeArray<double> by_parameters_, pose_rows_, point_rows_;
 };

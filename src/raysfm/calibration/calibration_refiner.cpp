@@ -26,6 +26,14 @@ constexpr double kFar = 0.2;  // effect of a change after which residuals are li
 constexpr double kZoom = 0.05, kSurelyZoomed = 8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
+// Key frames in [begin, end) that see the point of a track where it is.
+int count_seen(const Map& map, int track, int begin, int end) {
+  int seen = 0;
+  for (const TrackObservation& o : map.tracks[track].observations)
+    seen += o.keyframe >= begin && o.keyframe < end && map.keyframes[o.keyframe].inliers[o.feature];
+  return seen;
+}
+
 }  // namespace
 
 CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior)
@@ -78,14 +86,13 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
   point_of_track_.resize(map.tracks.size(), -1);
   tracks_.clear();
   std::vector<std::pair<int, int>> by_length;
+  std::vector<int> seen_of_track(map.tracks.size(), -1);
   for (int k = begin; k < end; ++k) {
     by_length.clear();
     for (const int t : map.keyframes[k].tracks) {
       if (t < 0 || !map.tracks[t].triangulated || point_of_track_[t] >= 0) continue;
-      int seen = 0;
-      for (const TrackObservation& o : map.tracks[t].observations) {
-        seen += o.keyframe >= begin && o.keyframe < end && map.keyframes[o.keyframe].inliers[o.feature];
-      }
+      int& seen = seen_of_track[t];
+      if (seen < 0) seen = count_seen(map, t, begin, end);
       if (seen >= kLeastSeen) by_length.push_back({-seen, t});
     }
     std::sort(by_length.begin(), by_length.end());

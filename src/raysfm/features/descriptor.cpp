@@ -13,10 +13,68 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#ifndef RAYSFM_FEATURES_DESCRIPTOR_ONCE
+#define RAYSFM_FEATURES_DESCRIPTOR_ONCE
+namespace raysfm {
+namespace {
+
+constexpr int kDiscRadius = 15;  // pixels of the octave looked at, of the disc with all that is compared
+constexpr int kDiscSide = 2 * kDiscRadius + 2;  // rows are looked at with one pixel more
+
+struct Offset {
+  int x = 0, y = 0;
+};
+
+// For each row of the disc, from its left: all bits of the pixels within it.
+struct DiscRows {
+  constexpr DiscRows() {
+    for (int y = -kDiscRadius; y <= kDiscRadius; ++y) {
+      for (int x = -kDiscRadius; x <= kDiscRadius; ++x) {
+        if (x * x + y * y <= kDiscRadius * kDiscRadius) inside[y + kDiscRadius][x + kDiscRadius] = 255;
+      }
+    }
+    for (int x = -kDiscRadius; x <= kDiscRadius; ++x) column[x + kDiscRadius] = static_cast<int16_t>(x);
+  }
+  alignas(64) uint8_t inside[2 * kDiscRadius + 1][kDiscSide] = {};
+  alignas(64) int16_t column[kDiscSide] = {};
+};
+constexpr DiscRows kDisc;
+
+}  // namespace
+}  // namespace raysfm
+#endif
+
 HWY_BEFORE_NAMESPACE();
 namespace raysfm {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
+
+// Sums of x and of y, from the middle of a disc, times the grey levels there. The sums of columns fit 16
+// bits, and all are exact.
+Offset disc_moments(const GrayView& image, int x, int y) {
+  const hn::CappedTag<int16_t, kDiscSide> d;
+  const hn::Rebind<uint8_t, decltype(d)> bytes;
+#if HWY_TARGET == HWY_SCALAR
+  const hn::Rebind<int32_t, decltype(d)> sums;
+#else
+  const hn::RepartitionToWide<decltype(d)> sums;
+#endif
+  auto along_x = hn::Zero(sums), along_y = along_x, more_x = along_x, more_y = along_x;
+  for (int c = 0; c < kDiscSide; c += static_cast<int>(hn::Lanes(d))) {
+    auto column = hn::Zero(d);
+    for (int r = 0; r <= 2 * kDiscRadius; ++r) {
+      const uint8_t* pixels = image.row(y + r - kDiscRadius) + x - kDiscRadius + c;
+      const auto levels =
+          hn::PromoteTo(d, hn::And(hn::LoadU(bytes, pixels), hn::Load(bytes, kDisc.inside[r] + c)));
+      const auto height = hn::Set(d, static_cast<int16_t>(r - kDiscRadius));
+      column = hn::Add(column, levels);
+      along_y = hn::ReorderWidenMulAccumulate(sums, levels, height, along_y, more_y);
+    }
+    along_x = hn::ReorderWidenMulAccumulate(sums, column, hn::Load(d, kDisc.column + c), along_x, more_x);
+  }
+  return {hn::GetLane(hn::SumOfLanes(sums, hn::Add(along_x, more_x))),
+          hn::GetLane(hn::SumOfLanes(sums, hn::Add(along_y, more_y)))};
+}
 
 // A rank is a distance times 2^32 plus the index that it belongs to: the lower rank is the nearer one, of
 // equal ones that of the lower index. Lowers the two least ranks that query q sees, kept by lane, and what
@@ -71,6 +129,7 @@ HWY_AFTER_NAMESPACE();
 namespace raysfm {
 
 HWY_EXPORT(find_two_best);
+HWY_EXPORT(disc_moments);
 
 namespace {
 
@@ -78,14 +137,10 @@ constexpr int kTests = 256;
 // Tried on herzjesu-p8, fountain-p11 and redkitchen-handheld: radii from 11 to 15, spreads from half the
 // radius to an even one, a blur less and two more, the octave of the corner itself (a fifth of the matches
 // fewer).
-constexpr int kRadius = 15;      // pixels of the octave looked at, of the disc with all that is compared
+constexpr int kRadius = kDiscRadius;
 constexpr int kMargin = 8;       // pixels by which a disc may leave the picture
 constexpr int kDirections = 64;  // of the pattern
 constexpr int kFixed = 1 << 12;
-
-struct Offset {
-  int x = 0, y = 0;
-};
 
 // Unit vectors, times kFixed. By multiplication of complex numbers: library functions of angles differ
 // between machines.
@@ -144,34 +199,13 @@ std::array<std::array<Test, kTests>, kDirections> make_pattern() {
   return pattern;
 }
 
-// Half the width of each row of the disc.
-constexpr std::array<int, kRadius + 1> make_extents() {
-  std::array<int, kRadius + 1> extents{};
-  for (int y = 0; y <= kRadius; ++y) {
-    while ((extents[y] + 1) * (extents[y] + 1) + y * y <= kRadius * kRadius) ++extents[y];
-  }
-  return extents;
-}
-constexpr std::array<int, kRadius + 1> kExtents = make_extents();
-
 // Direction of the centroid of the intensities of the disc (Rosin 1999).
 int direction_at(const GrayView& image, int x, int y) {
-  Offset centroid;
-  for (int dy = -kRadius; dy <= kRadius; ++dy) {
-    const uint8_t* row = image.row(y + dy) + x;
-    const int extent = kExtents[std::abs(dy)];
-    int sum = 0, moment = 0;
-    for (int dx = -extent; dx <= extent; ++dx) {
-      sum += row[dx];
-      moment += dx * row[dx];
-    }
-    centroid.x += moment;
-    centroid.y += dy * sum;
-  }
+  const auto [along_x, along_y] = HWY_DYNAMIC_DISPATCH(disc_moments)(image, x, y);
   int best = 0;
   int64_t most = std::numeric_limits<int64_t>::min();
   for (int d = 0; d < kDirections; ++d) {
-    const int64_t along = int64_t{kUnit[d].x} * centroid.x + int64_t{kUnit[d].y} * centroid.y;
+    const int64_t along = int64_t{kUnit[d].x} * along_x + int64_t{kUnit[d].y} * along_y;
     if (along > most) most = along, best = d;
   }
   return best;

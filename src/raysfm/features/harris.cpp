@@ -12,14 +12,17 @@
 namespace raysfm {
 namespace {
 
-constexpr int kMinBorder = 5;   // gradient 1, window 2, neighbourhood of a maximum 2
-constexpr int kMaskReach = 6;   // pixels; what lies this close to the edge of the mask is an artefact of it
-constexpr int kWindowRows = 5;  // rows of products that one row of response needs
-constexpr int kMaximaRows = 5;  // rows of response that one row of maxima needs
+constexpr int kMinBorder = 5;  // gradient 1, window 2, neighbourhood of a maximum 2
+constexpr int kMaskReach = 6;  // pixels; what lies this close to the edge of the mask is an artefact of it
+constexpr int kWindow = 5;     // rows of products that one row of response needs
+constexpr int kMaxima = 5;     // rows of response that one row of maxima needs
+constexpr int kAtOnce = 2;     // rows that a stage makes at a time
 
 // The image is worked on strip by strip, so that the rows that a stage looks at stay in the nearest cache.
 constexpr int kStripWidth = 256;  // the fastest of 128, 256 and 640
 constexpr int kStripMargin = 8;   // at least what a corner depends on to either side: kMinBorder
+
+static_assert(kStripWidth + 2 * kStripMargin <= kMaxRowWidth);
 
 // Columns [begin, end) of an image, and [left, right) about them that are looked at.
 struct Strip {
@@ -28,17 +31,17 @@ struct Strip {
 };
 
 // Rows that are reused in turn, their first columns aligned to 64 bytes.
-template <int kRows>
+template <typename T, int kRows>
 class RowRing {
  public:
   void reset(int width) {
     data_.resize(width + 2 * kRowMargin, kRows);
-    for (int y = 0; y < kRows; ++y) std::fill_n(data_.row(y), data_.width(), 0.0f);
+    for (int y = 0; y < kRows; ++y) std::fill_n(data_.row(y), data_.width(), T{0});
   }
-  float* row(int y) { return data_.row(static_cast<int>(static_cast<unsigned>(y) % kRows)) + kRowMargin; }
+  T* row(int y) { return data_.row(static_cast<int>(static_cast<unsigned>(y) % kRows)) + kRowMargin; }
 
  private:
-  Image<float> data_;
+  Image<T> data_;
 };
 
 // Abscissa of the maximum of the parabola through (-1, a), (0, b), (1, c), where b is not below a and c.
@@ -61,17 +64,17 @@ bool sees_the_scene(const GrayView& mask, int octave, int x, int y) {
 }  // namespace
 
 struct HarrisDetector::Scratch {
-  RowRing<1> product_xx, product_xy, product_yy;         // of the current row
-  RowRing<kWindowRows> smooth_xx, smooth_xy, smooth_yy;  // filtered along the row
-  RowRing<kMaximaRows> response, greatest;               // and its max_along_row()
+  RowRing<int16_t, 1> gradient_x, gradient_y;                // of the current row
+  RowRing<float, kWindow + kAtOnce - 1> smooth;              // smooth_products() of these
+  RowRing<float, kMaxima + kAtOnce - 1> response, greatest;  // and its max_along_row()
   std::vector<int> columns;
   std::vector<Corner> found, corners;
   std::vector<int> rows, row_begin;  // of `found`; of `corners`, by row
   CornerSelector selector;
 
   void reset(int width) {
-    for (auto* ring : {&product_xx, &product_xy, &product_yy}) ring->reset(width);
-    for (auto* ring : {&smooth_xx, &smooth_xy, &smooth_yy}) ring->reset(width);
+    for (auto* ring : {&gradient_x, &gradient_y}) ring->reset(width);
+    smooth.reset(3 * kPartOfRow);
     for (auto* ring : {&response, &greatest}) ring->reset(width);
     columns.resize(width);
   }
@@ -79,40 +82,39 @@ struct HarrisDetector::Scratch {
   // Each stage follows the one before by as many rows as it looks down, so that all of its input is in cache.
   void detect(const GrayView& image, const HarrisOptions& options, int border, const Strip& strip) {
     const GrayView part = {image.data + strip.left, strip.right - strip.left, image.height, image.stride};
-    for (int y = 1; y < image.height - 1; ++y) {
+    for (int y = 1; y < image.height - 1; y += kAtOnce) {
       add_products(part, y);
-      const int response_row = y - kWindowRows / 2;
-      if (response_row < 1 + kWindowRows / 2) continue;
-      add_response(part.width, options.k, response_row);
-      const int corner_row = response_row - kMaximaRows / 2;
-      if (corner_row < border || corner_row >= image.height - border) continue;
-      add_corners(options, strip, corner_row);
+      add_products(part, y + 1);
+      const int response_row = y - kWindow / 2;
+      if (response_row < kWindow / 2) continue;
+      add_responses(part.width, options.k, response_row);
+      for (int corner_row = response_row - kMaxima / 2; corner_row < response_row; ++corner_row) {
+        if (corner_row >= border && corner_row < image.height - border)
+          add_corners(options, strip, corner_row);
+      }
     }
   }
 
+  // The row below the last one has none, and nothing that counts looks at it.
   void add_products(const GrayView& image, int y) {
-    gradient_products(image.row(y - 1), image.row(y), image.row(y + 1), image.width, product_xx.row(0),
-                      product_xy.row(0), product_yy.row(0));
-    smooth_along_row(product_xx.row(0), image.width, smooth_xx.row(y));
-    smooth_along_row(product_xy.row(0), image.width, smooth_xy.row(y));
-    smooth_along_row(product_yy.row(0), image.width, smooth_yy.row(y));
+    if (y == image.height - 1) return;
+    gradients(image.row(y - 1), image.row(y), image.row(y + 1), image.width, gradient_x.row(0),
+              gradient_y.row(0));
+    smooth_products(gradient_x.row(0), gradient_y.row(0), image.width, smooth.row(y));
   }
 
-  void add_response(int width, float k, int y) {
-    std::array<const float*, kWindowRows> xx, xy, yy;
-    for (int i = 0; i < kWindowRows; ++i) {
-      const int row = y - kWindowRows / 2 + i;
-      xx[i] = smooth_xx.row(row);
-      xy[i] = smooth_xy.row(row);
-      yy[i] = smooth_yy.row(row);
-    }
-    harris_response(xx.data(), xy.data(), yy.data(), width, k, response.row(y));
+  // Of row y and the one below.
+  void add_responses(int width, float k, int y) {
+    std::array<const float*, kWindow + kAtOnce - 1> rows;
+    for (int i = 0; i < static_cast<int>(rows.size()); ++i) rows[i] = smooth.row(y - kWindow / 2 + i);
+    harris_responses(rows.data(), width, k, response.row(y), response.row(y + 1));
     max_along_row(response.row(y), width, greatest.row(y));
+    max_along_row(response.row(y + 1), width, greatest.row(y + 1));
   }
 
   void add_corners(const HarrisOptions& options, const Strip& strip, int y) {
-    std::array<const float*, kMaximaRows> around;
-    for (int i = 0; i < kMaximaRows; ++i) around[i] = greatest.row(y - kMaximaRows / 2 + i);
+    std::array<const float*, kMaxima> around;
+    for (int i = 0; i < kMaxima; ++i) around[i] = greatest.row(y - kMaxima / 2 + i);
     const float *above = response.row(y - 1), *row = response.row(y), *below = response.row(y + 1);
     const int count = find_maxima(row, around.data(), strip.begin - strip.left, strip.end - strip.left,
                                   options.min_score, columns.data());

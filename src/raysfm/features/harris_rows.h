@@ -6,24 +6,28 @@ namespace raysfm {
 
 // The inner loops of the Harris detector, one image row at a time, with run-time choice of the instruction
 // set. All arithmetic is exact or in a fixed order without fused operations, so every instruction set gives
-// the same bits. Float rows have kRowMargin readable and writable elements before the first and behind the
-// last column.
+// the same bits. Rows have kRowMargin readable and writable elements before the first and behind the last
+// column, and their first column is aligned to 64 bytes.
 constexpr int kRowMargin = 64;
+constexpr int kMaxRowWidth = 320;
+constexpr int kPartOfRow = kMaxRowWidth + kRowMargin;
 
 // Factor from the sums below to the mean of products of gradients: Sobel's filter sums to 8 per pixel of
 // distance, in both factors of a product; the window sums to 256.
 constexpr float kSumsToMean = 1.0f / (8 * 8 * 256);
 
-// Products of Sobel gradients of the row between `above` and `below`, for columns 1 to width - 2.
-void gradient_products(const uint8_t* above, const uint8_t* row, const uint8_t* below, int width, float* xx,
-                       float* xy, float* yy);
+// Sobel gradients of the row between `above` and `below`, for columns 1 to width - 2.
+void gradients(const uint8_t* above, const uint8_t* row, const uint8_t* below, int width, int16_t* gx,
+               int16_t* gy);
 
-// Binomial filter [1 4 6 4 1] along a row.
-void smooth_along_row(const float* in, int width, float* out);
+// Products of gradients, filtered along the row by the binomial [1 4 6 4 1]: whole numbers below 2^24. A row
+// has xx, xy and yy one after the other, each kPartOfRow long, and its columns in an order that only
+// harris_responses() knows.
+void smooth_products(const int16_t* gx, const int16_t* gy, int width, float* out);
 
-// The same filter across five rows of each product, and from it det(M) - k trace(M)^2, times kSumsToMean^2.
-void harris_response(const float* const xx[5], const float* const xy[5], const float* const yy[5], int width,
-                     float k, float* response);
+// The same filter across five rows, and from it det(M) - k trace(M)^2, times kSumsToMean^2: from the first
+// five of these rows of smooth_products() and from the last five.
+void harris_responses(const float* const rows[6], int width, float k, float* upper, float* lower);
 
 // Greatest of the five values around each column.
 void max_along_row(const float* in, int width, float* out);

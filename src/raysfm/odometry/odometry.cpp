@@ -433,7 +433,6 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
 }
 
 void Odometry::track(ViewPtr view) {
-  look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
   Localisation pose = localise(&view);
   if (!believable(pose)) {
     lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
@@ -465,6 +464,8 @@ void Odometry::track(ViewPtr view) {
     pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
   }
   accept(view, std::move(pose));
+  // With the key frame that makes another one old enough: what key frames cost is no other frame's.
+  look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
 }
 
 // A blurred view makes a poor key frame: a better one is waited for, while most of the anchor is in sight.
