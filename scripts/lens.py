@@ -3,6 +3,7 @@
 Each sequence is run with its calibration as given, and with one number of it wrong on purpose, refined and not.
 """
 import json
+import os
 import pathlib
 import re
 import subprocess
@@ -43,6 +44,38 @@ def spoiled(text, wrong):
 
     text = re.sub(r"intrinsics:\s*\{([^}]*)\}", spoil, text)
     return text.replace("model: pinhole", "model: radtan") if name == "k1" else text
+
+
+# Name, folder of images below the data folder; parts of them by what is kept of a number of images.
+FOUND = [("tsukuba-mono", "images"), ("kitti07-mono", "image_0"), ("redkitchen-handheld", "images")]
+PARTS = {"all": lambda i, n: True, "every second": lambda i, n: i % 2 == 0, "the others": lambda i, n: i % 2 == 1,
+         "first half": lambda i, n: i < n // 2, "second half": lambda i, n: i >= n // 2}
+
+
+def found_row(program, data, name, images, part, threads):
+    """The focal length that a part of a sequence tells without a camera file, and how far that is from the file's."""
+    paths = sorted((data / name / images).iterdir())
+    given = float(re.search(r"fx:\s*([-+.\deE]+)", (data / name / "camera.yaml").read_text()).group(1))
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = pathlib.Path(scratch) / "images"
+        folder.mkdir()
+        for i, path in enumerate(paths):
+            if PARTS[part](i, len(paths)):
+                os.symlink(path, folder / path.name)
+        done = subprocess.run([str(program), "track", str(folder), "--out", scratch + "/out", "--threads", str(threads), "--quiet"],
+                              capture_output=True, text=True)
+        if done.returncode:
+            return f"| {name} | {part} | {done.stderr.strip().splitlines()[-1].split(': ', 2)[-1].split(';')[0]} | | |"
+        report = json.loads((pathlib.Path(scratch) / "out" / "report.json").read_text())
+    fx = next(n for n in report["calibration"] if n["name"] == "fx")
+    return f"| {name} | {part} | {fx['refined']:.1f} ± {fx['sigma']:.1f} | {given:.1f} | {(fx['refined'] - given) / fx['sigma']:+.1f} |"
+
+
+def found_rows(program, data, threads):
+    for name, images in FOUND:
+        if (data / name).exists():
+            for part in PARTS:
+                yield found_row(program, data, name, images, part, threads)
 
 
 def run_once(program, data, sequence, camera_text, refine, threads):
@@ -87,6 +120,8 @@ def changes(result):
 
     refined = [f"{name(n)} {n['given']:.6g} to {n['refined']:.6g} ± {n['sigma']:.2g}"
                for n in numbers if abs(n["refined"] - n["given"]) > 1e-3 * n["sigma"]]
+    if result[0]["lens_source"] == "footage":
+        refined.insert(0, f"own lens of the footage: f {result[0]['lens_focal_px']:.6g}")
     return ", ".join(refined) or "as given", ", ".join(name(n) for n in numbers if not n["told"]) or "none"
 
 
@@ -124,7 +159,7 @@ def true_rows(program, data, threads):
         yield f"| {name} | " + " | ".join(cells) + f" | {before:.3f} to {after:.3f} |"
 
 
-def write_table(path, made_by, lines, true_lines):
+def write_table(path, made_by, lines, true_lines, found_lines):
     path.write_text("\n".join([
         "# Calibrations that are off", "", made_by,
         "Mean ATE in % of the path after alignment by a similarity, with the calibration kept (`--refine-lens off`) and "
@@ -137,4 +172,8 @@ def write_table(path, made_by, lines, true_lines):
         "Tracks of a run with the calibration kept, triangulated from the *true* poses of each sequence; focal length, principal "
         "point and k1 are then the least squares of what is left. Errors of a track count as one. The poses of `kitti07-mono` "
         "are those of a GPS and an inertial sensor: how that was mounted goes into the principal point.", "",
-        "| sequence | fx | cx | cy | k1 | rms, px |", "|---|---|---|---|---|---|", *true_lines, ""]))
+        "| sequence | fx | cx | cy | k1 | rms, px |", "|---|---|---|---|---|---|", *true_lines, "",
+        "## How sure found focal lengths are", "",
+        "Without a camera file, from all images of a sequence and from parts of them. The last column is the distance from the focal length of the file in "
+        "standard deviations. What parts have in common and the file has not is the file's: see the table above for what the true poses say of it.", "",
+        "| sequence | images | f found, px | of the file | standard deviations |", "|---|---|---|---|---|", *found_lines, ""]))

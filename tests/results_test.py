@@ -1,15 +1,17 @@
-"""The arithmetic behind docs/results/hard.md and cost.md: results_test.py [unittest arguments]."""
+"""The arithmetic behind docs/results/hard.md, cost.md and covariance.md: results_test.py [unittest arguments]."""
 import math
 import pathlib
 import random
 import sys
 import tempfile
 import unittest
+import zlib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import cost
+import halves
 import hard
 import least_squares
 
@@ -107,6 +109,37 @@ class Honesty(unittest.TestCase):
 
 
 @unittest.skipIf(not hard.python_with_numpy().exists(), "needs numpy and Pillow")
+class Halves(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def test_no_pixel_is_in_both_and_each_in_one(self):
+        def pixels(png, width, height):
+            data = png[png.index(b"IDAT") + 4:png.index(b"IEND") - 8]
+            rows = zlib.decompress(data)
+            self.assertEqual(len(rows), height * (width + 1))
+            return [rows[y * (width + 1) + 1:(y + 1) * (width + 1)] for y in range(height)]
+
+        width, height = 150, 90  # not whole fields
+        first, second = (pixels(halves.chessboard(width, height, i), width, height) for i in (True, False))
+        self.assertTrue(all({a, b} == {0, 255} for one, other in zip(first, second) for a, b in zip(one, other)))
+        self.assertEqual([first[0][0], first[0][63], first[0][64], first[64][0], first[64][64]], [255, 255, 0, 0, 255])
+
+    def test_each_camera_of_a_rig_has_the_mask(self):
+        (self.folder / "camera.yaml").write_text("cameras:\n  - name: a\n    resolution: [70, 66]\n  - name: b\n    resolution: [70, 66]\n")
+        halves.write_masks(self.folder, self.folder)
+        for half in (0, 1):
+            text = (self.folder / f"half{half}.yaml").read_text()
+            self.assertEqual(text.count(f"    mask: {self.folder}/half{half}.png\n"), 2)
+
+    def test_covariances_are_doubled_and_times_are_not(self):
+        (self.folder / "in.csv").write_text("# order\ntimestamp,c00\n1.5,0.25,-3e-5\n")
+        halves.double(self.folder / "in.csv", self.folder / "out.csv")
+        self.assertEqual((self.folder / "out.csv").read_text(), "# order\ntimestamp,c00\n1.5,0.5,-6e-05\n")
+
+
 class Degrade(unittest.TestCase):
     def test_every_kind(self):
         import subprocess

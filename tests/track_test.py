@@ -206,6 +206,30 @@ class Success(TrackTest):
         self.assertEqual(beside.read_bytes(), (source / "camera.yaml").read_bytes())
         self.assertTrue((self.folder / "camera-refined.yaml").exists())
 
+    def test_a_lens_that_is_not_that_of_the_footage(self):
+        """A map made with it says nothing against it: the footage does, and its own lens takes the place of the given one."""
+        source = SHARED / "tsukuba-mono"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        given = (source / "camera.yaml").read_text()
+        wrong = self.file("wrong.yaml", re.sub(r"(fx|fy): ([\d.]+)", lambda m: f"{m[1]}: {1.3 * float(m[2])}", given))
+        error = {}
+        for name, camera in (("right", source / "camera.yaml"), ("wrong", wrong)):
+            done = run("track", source, "--camera", camera, "--out", self.folder / name)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            result = json.loads(run("eval", self.folder / name, source / "truth.txt", "--json").stdout)
+            error[name] = result["ate"]["mean"] / result["length_m"]
+            warnings = json.loads((self.folder / name / "report.json").read_text())["warnings"]
+            if name == "right":
+                self.assertEqual(warnings, [])
+        said = re.match(r"the lens is another one than that of the camera file: .* (\d+) px, not 800 px, and is tracked with its own",
+                        warnings[0])
+        self.assertLess(abs(int(said[1]) / 615 - 1), 0.03)
+        self.assertIn(f"warning: {warnings[0]}", done.stderr)
+        report = json.loads((self.folder / "wrong" / "report.json").read_text())
+        self.assertEqual((report["lens_source"], report["frames"]["posed"]), ("footage", 100))
+        self.assertLess(error["wrong"], 2 * error["right"])
+
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""
         sequence = self.folder / "sequence"

@@ -31,6 +31,15 @@ constexpr int kFirstStretches = 6;  // that are asked for another lens where the
 // the second the lens is not told.
 constexpr double kOptimism = 3, kSure = 0.06, kUsable = 0.1;
 constexpr double kLeastPosed = 0.3;  // part of the frames of a stretch
+// How far off calibrations are, as a part of the focal length, and how many standard deviations of that and
+// of what is found another lens is away. Those of corners are too small by about so much: the distortion is
+// left out.
+constexpr double kUsual = CalibrationPrior{}.focal, kSurely = 4, kOptimistic = 2;
+
+// Views for a lens of corners; focal lengths as a part of the width, beyond which there is none; samples of
+// each RANSAC: ten times as many find the same in twice the time.
+constexpr int kLeastViews = 5, kSamples = 200;
+constexpr double kLeastFocal = 0.15, kMostFocal = 10;
 // What a field of view that is told may be off by: makers give it of the sensor, or with another crop.
 constexpr CalibrationPrior kTold{.focal = 0.1, .centre = 0.02, .rim = 0.05};
 // Between these lie the standard deviations of the other numbers of a lens that is found.
@@ -288,6 +297,29 @@ Result<void> check_single(const TrackSettings& settings, const Input& input) {
                   settings.inputs[0], streams));
 }
 
+// Null of cameras without one, and where nothing was refined.
+const CalibrationNumber* focal_number(const std::vector<CalibrationNumber>& calibration) {
+  const auto is_focal = [](const CalibrationNumber& n) { return n.camera == 0 && n.name == "fx"; };
+  const auto at = std::ranges::find_if(calibration, is_focal);
+  return at == calibration.end() ? nullptr : &*at;
+}
+
+bool differ(double a, double b, double sigma) {
+  return std::abs(std::log(a / b)) > kSurely * std::hypot(kUsual, sigma);
+}
+
+// As the lens would show it without its distortion.
+PointTracks without_distortion(const PointTracks& tracks, const Camera& camera, const Lens& lens) {
+  PointTracks ideal = tracks;
+  ideal.image.clear(), ideal.point.clear(), ideal.pixel.clear();
+  for (int k = 0; k < tracks.size(); ++k) {
+    Ray ray;
+    if (camera.ray(tracks.pixel[k], &ray) && ray.direction.z() > 0)
+      ideal.add(tracks.image[k], tracks.point[k], lens.pixel(ray.direction.hnormalized()));
+  }
+  return ideal;
+}
+
 }  // namespace
 
 double posed_share(const UncalibratedReconstruction& found) {
@@ -368,6 +400,73 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
   if (!telling.lens) lens.origin.not_told = telling.reason;
   lens.origin.told_fov_deg = settings.fov;
   return lens;
+}
+
+std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, const Camera& camera, int number,
+                                            uint64_t seed) {
+  FrameLens perspective;
+  perspective.camera = camera;
+  const std::optional<Lens> lens = lens_of(perspective);
+  if (!lens || std::ssize(views) < kLeastViews) return std::nullopt;
+  const PointTracks tracks = without_distortion(corner_tracks(views, number), camera, *lens);
+  SolveOptions options;
+  options.lens = LensChange::kFixed;
+  options.radial = RadialChoice::kNone;
+  options.max_samples = kSamples;
+  options.seed = seed;
+  const auto found = reconstruct(tracks, options);
+  if (!found || !found->degenerate.empty() || found->lens_sigma.empty()) return std::nullopt;
+  const auto image = std::ranges::find(found->image_posed, 1) - found->image_posed.begin();
+  if (std::ranges::count(found->image_posed, 1) < kLeastViews) return std::nullopt;
+  const double focal = found->scene.lenses[image].fx, sigma = found->lens_sigma[image][0];
+  const double width = tracks.image_size.x();
+  if (!(focal > kLeastFocal * width && focal < kMostFocal * width) || !std::isfinite(sigma))
+    return std::nullopt;
+  return CornerFocal{focal, sigma / focal};
+}
+
+bool tells_focal(const std::vector<CalibrationNumber>& calibration) {
+  const CalibrationNumber* focal = focal_number(calibration);
+  return focal && focal->told;
+}
+
+std::optional<LensDoubt> doubt_of_lens(const Reconstruction& r, std::span<const ViewPtr> keyframes,
+                                       const ViewMaker& maker, uint64_t seed) {
+  const CalibrationNumber* focal = focal_number(r.calibration);
+  if (!focal) return std::nullopt;
+  if (differ(focal->refined, focal->given, 0)) return LensDoubt{focal->given, focal->refined, true};
+  if (focal->told) return std::nullopt;
+  std::vector<ViewPtr> views;
+  for (const ViewPtr& view : keyframes) views.push_back(maker.detected(view));
+  const std::optional<CornerFocal> seen = focal_of_corners(views, r.rig.cameras[0], 0, seed);
+  if (!seen || !differ(seen->focal, focal->refined, kOptimistic * seen->sigma)) return std::nullopt;
+  return LensDoubt{focal->given, seen->focal, false};
+}
+
+std::string doubt_warning(const LensDoubt& doubt) {
+  return fmt::format(
+      "the lens is another one than that of the camera file: {} a focal length of {:.0f} px, not {:.0f} px; "
+      "{}",
+      doubt.refined ? "the map tells" : "the footage tells", doubt.seen, doubt.given,
+      doubt.refined ? "what was matched before that was known may be missing or wrong"
+                    : "poses are those of the camera file, and most likely wrong");
+}
+
+std::optional<FoundLens> own_lens(const TrackSettings& settings, const LensDoubt& doubt, Input input,
+                                  const TrackCallbacks& callbacks) {
+  ZoomedStretch zoom;
+  Result<FoundLens> own = find_lens(settings, std::move(input), callbacks, &zoom);
+  if (!own || zoom.last_frame >= 0 || own->origin.source != "footage") return std::nullopt;
+  if (!differ(own->origin.focal, doubt.given, 0)) return std::nullopt;
+  return *std::move(own);
+}
+
+std::string own_lens_warning(const LensDoubt& doubt, const FoundLens& own) {
+  return fmt::format(
+      "the lens is another one than that of the camera file: the footage tells a focal length of {:.0f} px, "
+      "not "
+      "{:.0f} px, and is tracked with its own",
+      own.origin.focal, doubt.given);
 }
 
 }  // namespace raysfm

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "raysfm/api/track.h"
 #include "raysfm/calibration/rig_parameters.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/uncalibrated/reconstruct.h"
+#include "raysfm/views/view_maker.h"
 
 namespace raysfm {
 
@@ -47,5 +50,45 @@ struct ZoomedStretch {
 // it is read.
 Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks,
                             ZoomedStretch* zoom);
+
+// A focal length as corners tell it on whose matching no lens had a say.
+struct CornerFocal {
+  double focal = 0;  // pixels
+  double sigma = 0;  // standard deviation, as a part of it
+};
+
+// What corners of a camera of the rig that are followed from view to view by their looks alone say of its
+// focal length, given no more of it than its distortion. `views`: in the order of time, with corners. None of
+// cameras that are not perspective, and where they hold no lens.
+std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, const Camera& camera, int number,
+                                            uint64_t seed);
+
+// What speaks against the lens of a camera file.
+struct LensDoubt {
+  double given = 0, seen = 0;  // focal lengths, pixels
+  bool refined = false;        // the poses are those of the second
+};
+
+// Whether the footage tells the focal length of the first camera.
+bool tells_focal(const std::vector<CalibrationNumber>& calibration);
+
+// Whether the first camera is hardly the one that was given: where the map told another focal length, or told
+// none and corners do. What a map is made of was chosen by the lens: where that is far off, the map may say
+// nothing against it. `keyframes`: the newest ones, asked only where the map tells nothing of a perspective
+// lens.
+std::optional<LensDoubt> doubt_of_lens(const Reconstruction& reconstruction,
+                                       std::span<const ViewPtr> keyframes, const ViewMaker& maker,
+                                       uint64_t seed);
+
+// What there is to say where the poses stay those of a doubtful lens.
+std::string doubt_warning(const LensDoubt& doubt);
+
+// The lens that the footage of the settings tells by itself, read once more, where that is another one than
+// the given; none where it tells none, or none surely.
+std::optional<FoundLens> own_lens(const TrackSettings& settings, const LensDoubt& doubt, Input input,
+                                  const TrackCallbacks& callbacks);
+
+// What there is to say where it was taken.
+std::string own_lens_warning(const LensDoubt& doubt, const FoundLens& own);
 
 }  // namespace raysfm

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <span>
 
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/frames/frame_source.h"
@@ -21,6 +22,9 @@ constexpr double kKeyframeShare = 0.5;
 // newest key frame is the next.
 constexpr int kLeastCorners = 30;
 constexpr int kManyMore = 4;
+// Of the corners of a view that are followed by themselves, and the least views that see one.
+constexpr int kEveryCorner = 3;
+constexpr size_t kSeenOften = 3;
 
 void keep_seen_twice(SolveInput* input) {
   PointTracks& tracks = input->tracks;
@@ -58,6 +62,35 @@ CameraInput corners_of(const GrayImage& mask, int features) {
   camera.harris.max_features = features;
   camera.harris.mask = mask.view();
   return camera;
+}
+
+// A corner in the views in which it was seen.
+struct CornerInView {
+  int view;
+  Eigen::Vector2f pixel;
+};
+using CornerTrack = std::vector<CornerInView>;
+
+// Adds what the view that the tracker has seen last shows of its corners, aligned with them.
+void add_aligned(const PairTracker& tracker, const CameraView& view, int number, CornerAligner* aligner,
+                 std::span<CornerTrack> tracks) {
+  const std::vector<int>& matches = tracker.matches(tracker.views() - 1);
+  std::vector<int> corners;
+  std::vector<Eigen::Vector2f> in_base, in_view;
+  std::vector<uint8_t> octaves;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (matches[i] < 0) continue;
+    corners.push_back(static_cast<int>(i));
+    in_base.push_back(tracks[i][0].pixel);
+    in_view.push_back(view.features.pixels[matches[i]]);
+    octaves.push_back(view.features.octaves[matches[i]]);
+  }
+  std::vector<PatchAlignment> aligned;
+  aligner->align(*tracker.base().octaves, in_base, *view.octaves, in_view, octaves, view.width, view.height,
+                 &aligned);
+  for (size_t k = 0; k < corners.size(); ++k) {
+    if (aligned[k].converged) tracks[corners[k]].push_back({number, aligned[k].pixel});
+  }
 }
 
 }  // namespace
@@ -154,6 +187,31 @@ void TrackJoiner::add(const ViewPtr& view) {
   if (keyframe_needed(camera, matched_with_newest)) {
     make_keyframe(view, std::move(sightings));
   }
+}
+
+PointTracks corner_tracks(std::span<const ViewPtr> views, int camera) {
+  const int count = static_cast<int>(views.size());
+  PointTracks tracks;
+  tracks.image_count = count;
+  if (count == 0) return tracks;
+  tracks.image_size = {views[0]->cameras[camera].width, views[0]->cameras[camera].height};
+  CornerAligner aligner;
+  for (const int base : {0, count / 3}) {
+    PairTracker tracker(views[base], camera, kEveryCorner);
+    std::vector<CornerTrack> corners;
+    for (const Eigen::Vector2f& pixel : tracker.base().features.pixels) corners.push_back({{base, pixel}});
+    for (int v = base + 1; v < std::min(count, base + (2 * count + 2) / 3); ++v) {
+      tracker.advance(views[v]);
+      add_aligned(tracker, views[v]->cameras[camera], v, &aligner, corners);
+    }
+    for (const CornerTrack& corner : corners) {
+      if (corner.size() < kSeenOften) continue;
+      for (const CornerInView& seen : corner)
+        tracks.add(seen.view, tracks.point_count, seen.pixel.cast<double>());
+      ++tracks.point_count;
+    }
+  }
+  return tracks;
 }
 
 SolveInput TrackJoiner::finish() {

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "raysfm/api/solve_input.h"
@@ -61,6 +62,10 @@ class TrackJoiner {
   std::vector<uint8_t> octaves_;  // of in_frame_
   std::vector<PatchAlignment> aligned_;
 };
+
+// Corners of two of the views, each followed through two thirds of all views by their looks alone, and where
+// their patches lie there. `views`: in the order of time, with corners.
+PointTracks corner_tracks(std::span<const ViewPtr> views, int camera);
 
 // The tracks of a video of one camera, or of images in order, stretch by stretch.
 class TrackReader {

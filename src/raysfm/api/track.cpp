@@ -47,6 +47,8 @@ struct Sources {
 constexpr double kUsualReadout = 0.02;
 // Key frames of footage that is too short for the tracker to measure a zoom by the way.
 constexpr int kShort = 40;
+// The newest key frames, which are asked for the lens where the map does not tell it.
+constexpr int kDoubtful = 16;
 
 Result<Rig> read_rig(const TrackSettings& settings, Input& input, const EventSink& event) {
   if (settings.camera.empty()) {
@@ -446,10 +448,16 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
   return out;
 }
 
-// One run of the tracker, through to its result. `zoom`: what it measured of one.
+// What a run tells beside its result.
+struct Aftermath {
+  std::optional<SeenZoom> zoom;
+  std::optional<LensDoubt> doubt;
+};
+
+// One run of the tracker, through to its result.
 Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& callbacks,
                                   TrackWatcher* watcher, RunMaps* maps, Sources* sources,
-                                  std::optional<SeenZoom>* zoom) {
+                                  Aftermath* aftermath) {
   settings.odometry.calibration_prior = sources->prior;
   Narrator narrator(callbacks.event, sources->origin);
   ObserverPair observers(&narrator, watcher);
@@ -486,16 +494,21 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   sources->input.streams.clear();
 
   std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
-  *zoom = tracker.lens_change();
+  aftermath->zoom = tracker.lens_change();
   if (sources->may_be_fisheye) {
     const std::string wide = wide_lens_warning(tracker.rig().rig().cameras[0]);
     tell(callbacks.event, Event::Level::kWarning, wide);
     if (!wide.empty()) warnings.push_back(wide);
   }
+  std::vector<ViewPtr> keyframes;
+  if (sources->origin.source == "camera file" && !tells_focal(tracker.calibration()))
+    keyframes = tracker.newest_keyframes(kDoubtful);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
+  if (sources->origin.source == "camera file" && !*stopped)
+    aftermath->doubt = doubt_of_lens(out.reconstruction, keyframes, tracker.maker(), settings.odometry.seed);
   if (*stopped) explain_interruption(&out.reconstruction);
   tell_untested(out.reconstruction, callbacks.event, &warnings);
   out.report = make_report(settings, tracker, *sources, decode);
@@ -503,6 +516,46 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   out.report.interrupted = *stopped;
   out.report.frames_in_input = frames_in_input;
   return out;
+}
+
+void warn(const TrackCallbacks& callbacks, const std::string& warning, TrackResult* result) {
+  tell(callbacks.event, Event::Level::kWarning, warning);
+  result->report.warnings.insert(result->report.warnings.begin(), warning);
+}
+
+// The lens that the footage of the first camera tells by itself, where that is another one than the given;
+// none of footage that cannot be read again, nor by itself.
+std::optional<FoundLens> ask_for_own_lens(const TrackSettings& given, const TrackCallbacks& callbacks,
+                                          const Sources& sources, const LensDoubt& doubt) {
+  if (sources.input.layout == "device" || sources.input.streams.size() != sources.rig.cameras.size())
+    return std::nullopt;
+  TrackSettings of_first = given;
+  of_first.mono = true;
+  Result<Input> input = open_inputs(of_first, true);
+  return input ? own_lens(of_first, doubt, *std::move(input), callbacks) : std::nullopt;
+}
+
+// The footage tracked with its own lens, where that is another one than the given and poses hardly fewer
+// frames; else what there is to say is said in `tracked`. What corners alone say against a lens counts only
+// where the footage as a whole says the same.
+std::optional<TrackResult> with_own_lens(const TrackSettings& given, const TrackCallbacks& callbacks,
+                                         const Sources& sources, const LensDoubt& doubt,
+                                         TrackResult* tracked) {
+  const std::optional<FoundLens> own = ask_for_own_lens(given, callbacks, sources, doubt);
+  if (!own && !doubt.refined) return std::nullopt;
+  const bool is_alone = sources.rig.cameras.size() == 1;
+  // A saved map is that of its cameras.
+  if (own && is_alone && given.map.empty() && given.save_map.empty() && !callbacks.stopped()) {
+    TrackSettings again = given;
+    again.checkpoint.clear();  // of the run with the other lens
+    Result<TrackResult> better = track(again, callbacks, nullptr, &*own);
+    if (better && reaches_enough(*better, posed_count(tracked->reconstruction))) {
+      warn(callbacks, own_lens_warning(doubt, *own), &*better);
+      return *std::move(better);
+    }
+  }
+  warn(callbacks, doubt_warning(doubt), tracked);
+  return std::nullopt;
 }
 
 }  // namespace
@@ -552,9 +605,14 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     return with_costs(*std::move(solved));
   };
   if (solved) return solved_instead();
-  std::optional<SeenZoom> change;
-  Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &change);
+  Aftermath aftermath;
+  Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &aftermath);
   if (!tracked) return tracked;
+  if (aftermath.doubt && !callbacks.stopped()) {
+    auto better = with_own_lens(given, callbacks, *sources, *aftermath.doubt, &*tracked);
+    if (better) return with_costs(*std::move(better));
+  }
+  const std::optional<SeenZoom>& change = aftermath.zoom;
   // A rolling shutter bends the images of a moving camera as a zoom does.
   const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;
   std::string& zoom = sources->zoom.warning;

@@ -117,7 +117,7 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
   std::vector<int> open(m);
   std::iota(open.begin(), open.end(), 0);
   CalibrationChoice choice{Eigen::VectorXd::Zero(m), prior_sigma, Eigen::VectorXd::Zero(m),
-                           std::vector<uint8_t>(m, 0)};
+                           Eigen::VectorXd::Zero(m), std::vector<uint8_t>(m, 0)};
   if (evidence.observations == 0) open.clear();  // what comes takes the fourth power of their number
   Posterior posterior;
   Eigen::Index least;
@@ -130,6 +130,7 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     const double sigma = std::sqrt(posterior.covariance(k, k));
     choice.is_told[open[k]] = 1;
     choice.sigma[open[k]] = prior_sigma[open[k]] * sigma;
+    choice.likeliest[open[k]] = prior_sigma[open[k]] * posterior.values[k];
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
   const std::vector<int> told = open;

@@ -10,8 +10,10 @@ namespace raysfm {
 
 // The calibration that evidence and prior make most likely.
 struct CalibrationChoice {
-  Eigen::VectorXd values;        // of RigParameters; zero where nothing is significant
-  Eigen::VectorXd sigma;         // standard deviations: of the prior where is_told is 0
+  Eigen::VectorXd values;  // of RigParameters; zero where nothing is significant
+  Eigen::VectorXd sigma;   // standard deviations: of the prior where is_told is 0
+  Eigen::VectorXd
+      likeliest;  // what `sigma` is about where is_told is 1: with all told numbers free; else zero
   Eigen::VectorXd significance;  // how far the evidence has it from the given one, in standard deviations
   std::vector<uint8_t> is_told;  // 0: the evidence says little of it
   bool contradicts = false;      // a focal length is farther off than any calibration should be

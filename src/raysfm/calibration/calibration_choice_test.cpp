@@ -71,6 +71,8 @@ TEST_F(ChoiceTest, KeepsWhatIsOffByNoMoreThanItsErrors) {
   EXPECT_TRUE(choice().is_told[kK1]);
   EXPECT_EQ(choice().values[kK1], 0);
   EXPECT_NEAR(choice().significance[kK1], 3.5, 0.01);
+  EXPECT_NEAR(choice().likeliest[kK1], truth[kK1], 0.01 * truth[kK1]);
+  EXPECT_EQ(choice().likeliest[kFocal], 0);
   EXPECT_FALSE(is_worth_it(choice()));
   truth[kK1] = 4.5 * std::sqrt(2) * 0.001;
   EXPECT_NEAR(choice().values[kK1], truth[kK1], 0.01 * truth[kK1]);

@@ -274,6 +274,13 @@ bool CalibrationRefiner::take_over() {
   return choice_.effect > kFar;
 }
 
+// Standard deviation of an unknown from where it is now. One that is kept, though another is likelier by less
+// than it takes to be changed, is as far off as that one besides.
+double CalibrationRefiner::deviation(int i) const {
+  return choice_.is_told[i] ? std::hypot(choice_.sigma[i], choice_.likeliest[i] - values_[i])
+                            : choice_.sigma[i];
+}
+
 // Changes of a camera that differs from the first by its own add up.
 CalibrationNumber CalibrationRefiner::number(int i, int camera, const Rig& present) const {
   CalibrationNumber n{.camera = camera, .name = parameters_.name(i)};
@@ -287,7 +294,7 @@ CalibrationNumber CalibrationRefiner::number(int i, int camera, const Rig& prese
                          (parameters_[i].kind == Kind::kAspect && parameters_[j].kind == Kind::kFocal);
     if (!is_part || !parameters_.concerns(j, camera)) continue;
     const bool is_factor = parameters_[j].kind == Kind::kFocal || parameters_[j].kind == Kind::kAspect;
-    variance += std::pow(choice_.sigma[j] * (is_factor ? n.refined : 1.0), 2);
+    variance += std::pow(deviation(j) * (is_factor ? n.refined : 1.0), 2);
     n.told = n.told && choice_.is_told[j];
     n.significance = std::max(n.significance, choice_.significance[j]);
   }

@@ -74,8 +74,8 @@ class CalibrationRefiner {
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.significance, choice_.is_told,
-                    choice_.contradicts, choice_.effect, contradicts_, stretches_);
+    raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.likeliest, choice_.significance,
+                    choice_.is_told, choice_.contradicts, choice_.effect, contradicts_, stretches_);
   }
 
  private:
@@ -99,6 +99,7 @@ class CalibrationRefiner {
   bool is_outdated(const Stretch& stretch, int world, const Map& map) const;
   std::optional<FocalChange> change_at(std::span<const Stretch> stretches, size_t split,
                                        double* significance) const;
+  double deviation(int parameter) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);

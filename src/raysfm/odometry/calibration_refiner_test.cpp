@@ -94,6 +94,22 @@ TEST(CalibrationRefiner, AnExactCalibrationStays) {
   for (const CalibrationNumber& n : run.result.calibration) EXPECT_EQ(n.given, n.refined) << n.name;
 }
 
+// One that is off by less than it takes to be changed is kept, and is as far off as what is likelier.
+TEST(CalibrationRefiner, TheSigmaOfAKeptNumberHasInItWhatIsLikelier) {
+  const double truth = std::get<Radtan>(small_camera().model).fx;
+  int kept = 0;
+  for (const double factor : {0.985, 0.99, 1.01, 1.015}) {
+    Tracked run;
+    track(orbit(), with_focal(factor), LensRefinement::kAuto, &run);
+    const CalibrationNumber& fx = run.number("fx");
+    if (!fx.told || fx.refined != fx.given) continue;
+    ++kept;
+    EXPECT_LT(std::abs(fx.refined - truth), 2 * fx.sigma) << factor;
+    EXPECT_LT(fx.sigma, 0.02 * fx.given) << factor;
+  }
+  EXPECT_GE(kept, 2);
+}
+
 // Along a straight line a world that is longer looks the same through a longer lens.
 TEST(CalibrationRefiner, AStraightDriveDoesNotTellTheFocalLength) {
   const SynthViews views = synth_views("corridor", "straight", 60);

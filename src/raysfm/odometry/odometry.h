@@ -109,6 +109,8 @@ class Odometry {
   // Frames of which a large part does not stand still in their world.
   std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }
   NewestView newest_view() const;
+  std::vector<ViewPtr> newest_keyframes(int most) const;
+  std::vector<CalibrationNumber> calibration() const { return refiner_.numbers(); }
   const TrackingRig& rig() const { return rig_; }
   int posed() const { return posed_; }
   int frames() const { return static_cast<int>(frames_.size()); }

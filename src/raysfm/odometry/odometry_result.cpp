@@ -37,6 +37,16 @@ NewestView Odometry::newest_view() const {
   return newest;
 }
 
+std::vector<ViewPtr> Odometry::newest_keyframes(int most) const {
+  std::vector<ViewPtr> newest;
+  if (active_ < 0) return newest;
+  const std::vector<KeyFrameView>& views = segment().views;
+  for (size_t k = views.size(); k-- > 0 && views[k].view && std::ssize(newest) < most;)
+    newest.push_back(views[k].view);
+  std::ranges::reverse(newest);
+  return newest;
+}
+
 // From the map of each segment.
 Reconstruction Odometry::assemble(std::vector<Map> maps) const {
   Reconstruction out;

@@ -87,6 +87,11 @@ class Tracker {
   std::optional<SeenZoom> lens_change() { return odometry_.lens_change(); }
   std::vector<OtherMotion> other_motion() const { return odometry_.other_motion(); }
   NewestView newest_view() const { return odometry_.newest_view(); }
+  // Images of the newest key frames of the world that was tracked last, at most so many, oldest first:
+  // without corners, and as far as they are kept. Before finish().
+  std::vector<ViewPtr> newest_keyframes(int most) const { return odometry_.newest_keyframes(most); }
+  // Every number of the calibration that is looked at, as the frames so far tell it.
+  std::vector<CalibrationNumber> calibration() const { return odometry_.calibration(); }
   const TrackingRig& rig() const { return odometry_.rig(); }
 
  private:

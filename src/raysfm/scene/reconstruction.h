@@ -82,7 +82,7 @@ struct CalibrationNumber {
   std::string name;  // as in the camera file; `rotation` in radians about the axes of the camera as given
   double given = 0;
   double refined = 0;       // the given one where it stays
-  double sigma = 0;         // standard deviation; as far as calibrations may be off where it is not told
+  double sigma = 0;         // of `refined`, standard deviation; what calibrations are off where it is not told
   double significance = 0;  // of what was found off it, in standard deviations
   bool told = false;        // whether the footage tells it better than that
 };

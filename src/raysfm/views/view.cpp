@@ -158,6 +158,8 @@ ViewPtr images_of(const View& view) {
     image.width = camera.width;
     image.height = camera.height;
     image.octaves = camera.octaves;
+    image.thumbnail = camera.thumbnail;
+    image.thumbnail_scale = camera.thumbnail_scale;
   }
   return images;
 }
