@@ -490,8 +490,9 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   if (!*stopped) tell_notes(sources->input, *stream, callbacks.event);
   const StageTiming decode = stream->finish();
   const int frames_in_input = source.frame_count();
-  stream.reset();  // decoders hold many images, and a result takes memory too
-  sources->input.streams.clear();
+  stream.reset();
+  // Decoders hold many images, and a result takes memory too.
+  for (std::unique_ptr<FrameSource>& source_read : sources->input.streams) source_read.reset();
 
   std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
   aftermath->zoom = tracker.lens_change();
