@@ -545,6 +545,18 @@ class WithoutCameraFile(TrackTest):
         self.assertEqual((report["lens_source"], report["lens_focal_px"]), ("camera file", None))
         self.assertEqual(report["frames"]["posed"], 60)
 
+    def test_pixels_that_are_not_square(self):
+        """The street, squeezed to three quarters of its width, as its video says."""
+        self.assertEqual(self.track(STREET, out=self.folder / "calibrated").returncode, 0)
+        done = self.track(self.video("street.mkv", "-vf", "scale=384:384,setsar=4/3"))
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], 60)
+        self.assertAlmostEqual(report["lens_focal_px"] / (0.75 * 410), 1, delta=0.01)
+        found = re.search(r"fx: ([\d.]+), fy: ([\d.]+)", (self.out / "camera.yaml").read_text())
+        self.assertAlmostEqual(float(found[2]) / float(found[1]), 4 / 3, delta=0.001)
+        self.assertLess(self.error(self.out), 2 * self.error(self.folder / "calibrated") + 0.001)
+
     def test_zoom(self):
         """The result is that of solve; with a map to be saved, which is of one lens, the user hears of it alone."""
         camera = self.file("start.yaml", CAMERA.replace("[64, 48]", "[360, 270]").replace("50", "260")

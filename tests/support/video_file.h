@@ -19,6 +19,7 @@ struct VideoRecipe {
   AVCodecID codec = AV_CODEC_ID_FFV1;
   AVPixelFormat pixels = AV_PIX_FMT_YUV420P;
   AVColorRange range = AVCOL_RANGE_MPEG;
+  AVRational pixel_aspect = {0, 1};  // nothing said
   // Presentation time of a frame in milliseconds.
   std::function<int64_t(int)> milliseconds = [](int i) { return 40 * i; };
   // Fills the planes of a frame.
@@ -38,12 +39,14 @@ inline void write_video(const std::filesystem::path& path, const VideoRecipe& re
   codec->height = recipe.height;
   codec->pix_fmt = recipe.pixels;
   codec->color_range = recipe.range;
+  codec->sample_aspect_ratio = recipe.pixel_aspect;
   codec->time_base = {1, 1000};
   codec->strict_std_compliance = FF_COMPLIANCE_UNOFFICIAL;
   check(avcodec_open2(codec, codec->codec, nullptr));
   AVStream* stream = avformat_new_stream(format, nullptr);
   check(avcodec_parameters_from_context(stream->codecpar, codec));
   stream->time_base = {1, 1000};
+  stream->sample_aspect_ratio = recipe.pixel_aspect;
   stream->avg_frame_rate = {25, 1};
   check(avio_open(&format->pb, path.c_str(), AVIO_FLAG_WRITE));
   check(avformat_write_header(format, nullptr));

@@ -10,6 +10,7 @@
 
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_check.h"
+#include "raysfm/camera/stretch.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
@@ -238,19 +239,35 @@ ZoomedStretch zoomed_stretch(const SolveInput& stretch, int first_frame, int fra
           frames < 0 ? INFINITY : keyframes * std::max(1.0, double(frames) / count)};
 }
 
+// Tracks of images whose pixels are square. What tells a lens takes them for that.
+void make_square(double pixel_aspect, PointTracks* tracks) {
+  if (pixel_aspect == 1) return;
+  tracks->image_size.x() *= pixel_aspect;
+  for (Eigen::Vector2d& p : tracks->pixel) p.x() = (p.x() + 0.5) * pixel_aspect - 0.5;
+}
+
+// A lens that such tracks told, of the images as they are.
+void make_as_stored(const FrameSource& source, FoundLens* lens) {
+  const double pixel_aspect = source.pixel_aspect();
+  if (pixel_aspect == 1 || !stretch(1 / pixel_aspect, &lens->camera)) return;
+  lens->camera.width = source.width();
+  lens->origin.focal /= pixel_aspect;
+}
+
 // The best of what stretch after stretch tells; none where the footage tells no lens, or to stop.
 Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
                             const TrackCallbacks& callbacks, ZoomedStretch* zoom) {
   Telling best{{}, "interrupted"};
   int begin = 0, reconstructed = 0;
   for (int i = 0; i < kAllStretches && reconstructed < kStretches; ++i) {
-    const Result<SolveInput> stretch = reader.read(
+    Result<SolveInput> stretch = reader.read(
         [&](const TrackJoiner& joiner) { return !callbacks.stopped() && !is_long_enough(joiner); });
     if (!stretch) return stretch.error();
     if (begin == 0 && stretch->names.empty() && !callbacks.stopped()) {
       return bad_input(fmt::format("{}: no frames", reader.source().description()));
     }
     if (stretch->names.empty() || callbacks.stopped()) break;
+    make_square(reader.source().pixel_aspect(), &stretch->tracks);
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop, i < kFirstStretches);
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
@@ -271,7 +288,8 @@ FoundLens lens_of_fov(double fov_deg, const FrameSource& source) {
   lens.camera.name = "camera";
   lens.camera.width = source.width();
   lens.camera.height = source.height();
-  lens.camera.model = Pinhole{focal, focal, 0.5 * (source.width() - 1), 0.5 * (source.height() - 1)};
+  lens.camera.model =
+      Pinhole{focal, focal * source.pixel_aspect(), 0.5 * (source.width() - 1), 0.5 * (source.height() - 1)};
   lens.origin = {.source = "told field of view", .focal = focal, .focal_sigma = kTold.focal};
   return lens;
 }
@@ -389,6 +407,7 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     Result<Telling> asked = ask_footage(settings, **reader, callbacks, zoom);
     if (!asked) return asked.error();
     telling = *std::move(asked);
+    if (telling.lens) make_as_stored((*reader)->source(), &*telling.lens);
   }
   if (!telling.lens && !told) {
     return no_reconstruction(

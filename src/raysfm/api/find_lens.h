@@ -15,7 +15,7 @@ namespace raysfm {
 
 // A lens that no camera file told.
 struct FoundLens {
-  Camera camera;           // square pixels, of the size of the frames
+  Camera camera;           // of the size of the frames, its pixels as wide as the input says
   CalibrationPrior prior;  // how far off it may be
   LensOrigin origin;
   bool told_apart = false;  // a perspective lens and one of another model were compared

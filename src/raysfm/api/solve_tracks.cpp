@@ -275,6 +275,13 @@ Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveC
     if (auto r = callbacks.ready(); !r) return r.error();
   }
   const FrameSource& source = (*reader)->source();
+  if (source.pixel_aspect() != 1) {
+    tell(callbacks.event, Event::Level::kWarning,
+         fmt::format(
+             "{}: pixels are {:.3g} times as wide as high, but taken for square, so that the lens is wrong: "
+             "raysfm track minds it, or scale the video first",
+             settings.input, source.pixel_aspect()));
+  }
   bool interrupted = false;
   Result<SolveInput> result = (*reader)->read([&](const TrackJoiner& joiner) {
     if (callbacks.progress && joiner.frames() > 0) {

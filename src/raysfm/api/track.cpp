@@ -132,12 +132,14 @@ Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens
 Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input,
                                       const TrackCallbacks& callbacks) {
   const Clock::time_point start = Clock::now();
-  const bool is_device = input.layout == "device";
+  // solve() reads the input once more, and takes pixels to be square.
+  const bool may_be_solved = input.layout != "device" && input.streams[0]->pixel_aspect() == 1;
   ZoomedStretch stretch;
   Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks, &stretch);
   const bool seen = stretch.last_frame >= 0;
   // Where there is a lens, the map of it tells more, in a fraction of the time: of a shutter, too.
-  const bool zooms = seen && !lens && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
+  const bool zooms =
+      seen && !lens && may_be_solved && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
   std::optional<TrackResult> solved;
   if (zooms) {
     tell(callbacks.event, Event::Level::kInfo,
@@ -150,7 +152,7 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   if (!sources) return sources;
   if (seen && !solved) sources->zoom.warning = zoom_warning(stretch);
   sources->zoom.may_be = lens && wide_lens_warning(lens->camera).empty();
-  sources->zoom.may_be_solved = !is_device;
+  sources->zoom.may_be_solved = may_be_solved;
   sources->zoom.solved = std::move(solved);
   sources->find_ms = milliseconds_since(start);
   return sources;

@@ -39,6 +39,9 @@ class FrameSource {
   virtual int width() const = 0;
   virtual int height() const = 0;
 
+  // Width of a pixel over its height, as far as the input says it.
+  virtual double pixel_aspect() const { return 1; }
+
   // Number of frames, -1 where only reading to the end would tell. A video's count is what its container
   // says.
   virtual int frame_count() const = 0;

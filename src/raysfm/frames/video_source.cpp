@@ -68,6 +68,7 @@ class VideoSource : public FrameSource {
 
   int width() const override { return width_; }
   int height() const override { return height_; }
+  double pixel_aspect() const override;
   TimeRange span() const override {
     const double end = end_time();
     return {ahead_.empty() ? 0 : ahead_.front().timestamp, std::isfinite(end) ? end : 0};
@@ -245,6 +246,12 @@ Result<void> VideoSource::open_codec() {
   if (!(rate_ > 0)) rate_ = av_q2d(stream_->r_frame_rate);
   if (!(rate_ > 0) || !std::isfinite(rate_)) rate_ = 25;
   return {};
+}
+
+double VideoSource::pixel_aspect() const {
+  constexpr double kMost = 4;  // beyond it the number means nothing
+  const double aspect = av_q2d(av_guess_sample_aspect_ratio(format_.get(), stream_, nullptr));
+  return aspect >= 1 / kMost && aspect <= kMost ? aspect : 1;
 }
 
 void VideoSource::find_rotation() {

@@ -69,6 +69,20 @@ Reading read_video(const fs::path& path, double fps = 0, int threads = 0, const 
   return reading;
 }
 
+TEST(VideoSource, SaysHowWideItsPixelsAre) {
+  const TemporaryFolder folder;
+  const auto aspect_of = [&](AVRational told) {
+    const fs::path path = folder / "pixels.mkv";
+    write_video(path, {.pixel_aspect = told, .paint = paint_planar});
+    const auto source = open_video(path.string(), {});
+    return source ? (*source)->pixel_aspect() : NAN;
+  };
+  EXPECT_EQ(aspect_of({0, 1}), 1);
+  EXPECT_NEAR(aspect_of({4, 3}), 4 / 3.0, 1e-3);
+  EXPECT_NEAR(aspect_of({10, 11}), 10 / 11.0, 1e-3);
+  EXPECT_EQ(aspect_of({100, 1}), 1);  // that means nothing
+}
+
 TEST(VideoSource, LimitedRangeIsStretched) {
   const TemporaryFolder folder;
   VideoRecipe recipe;
