@@ -431,6 +431,37 @@ void tell_notes(const Input& input, const ViewStream& stream, const EventSink& e
   tell(event, Event::Level::kWarning, stream.note());
 }
 
+// What became of an input.
+struct InputRead {
+  bool stopped = false;  // before its end
+  StageTiming decode;
+  int frames_in_input = -1;
+};
+
+// Pushes the input to its end, and closes it: decoders hold many images, and a result takes memory too.
+Result<InputRead> read_through(const TrackSettings& settings, const TrackCallbacks& callbacks,
+                               TrackWatcher* watcher, Checkpoint& checkpoint, Input* input,
+                               Tracker& tracker) {
+  InputRead read;
+  {
+    ViewStream stream(input->streams, tracker.maker(), thread_count(settings.threads), checkpoint.passed());
+    FrameSource& source = *input->streams[0];
+    Result<bool> stopped = checkpoint.go_on(stream, callbacks, tracker);
+    if (stopped && !*stopped) {
+      stopped = push_all(stream, callbacks, source.frame_count(), camera_source(settings, *input), tracker,
+                         checkpoint, watcher);
+    }
+    if (!stopped) return stopped.error();
+    if (tracker.frames() == 0 && !*stopped) {
+      return bad_input(fmt::format("{}: no frames", source.description()));
+    }
+    if (!*stopped) tell_notes(*input, stream, callbacks.event);
+    read = {*stopped, stream.finish(), source.frame_count()};
+  }
+  for (std::unique_ptr<FrameSource>& source : input->streams) source.reset();
+  return read;
+}
+
 // Since the start of a run that has gone through so many frames.
 void measure_cost(const Clock::time_point& start, int frames, Report* report) {
   report->wall_s = milliseconds_since(start) / 1000.0;
@@ -474,28 +505,11 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   Checkpoint checkpoint(settings.checkpoint,
                         settings.checkpoint.empty() ? "" : run_identity(settings, sources->rig));
   if (auto r = checkpoint.read(callbacks.event); !r) return r.error();
-  std::optional<ViewStream> stream;
-  stream.emplace(sources->input.streams, tracker.maker(), thread_count(settings.threads),
-                 checkpoint.passed());
-  FrameSource& source = *sources->input.streams[0];
+  const Result<InputRead> read =
+      read_through(settings, callbacks, watcher, checkpoint, &sources->input, tracker);
+  if (!read) return read.error();
 
   TrackResult out;
-  Result<bool> stopped = checkpoint.go_on(*stream, callbacks, tracker);
-  if (stopped && !*stopped) {
-    stopped = push_all(*stream, callbacks, source.frame_count(), camera_source(settings, sources->input),
-                       tracker, checkpoint, watcher);
-  }
-  if (!stopped) return stopped.error();
-  if (tracker.frames() == 0 && !*stopped) {
-    return bad_input(fmt::format("{}: no frames", source.description()));
-  }
-  if (!*stopped) tell_notes(sources->input, *stream, callbacks.event);
-  const StageTiming decode = stream->finish();
-  const int frames_in_input = source.frame_count();
-  stream.reset();
-  // Decoders hold many images, and a result takes memory too.
-  for (std::unique_ptr<FrameSource>& source_read : sources->input.streams) source_read.reset();
-
   std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
   aftermath->zoom = tracker.lens_change();
   if (sources->may_be_fisheye) {
@@ -510,14 +524,14 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
-  if (sources->origin.source == "camera file" && !*stopped)
+  if (sources->origin.source == "camera file" && !read->stopped)
     aftermath->doubt = doubt_of_lens(out.reconstruction, keyframes, tracker.maker(), settings.odometry.seed);
-  if (*stopped) explain_interruption(&out.reconstruction);
+  if (read->stopped) explain_interruption(&out.reconstruction);
   tell_untested(out.reconstruction, callbacks.event, &warnings);
-  out.report = make_report(settings, tracker, *sources, decode);
+  out.report = make_report(settings, tracker, *sources, read->decode);
   out.report.warnings = std::move(warnings);
-  out.report.interrupted = *stopped;
-  out.report.frames_in_input = frames_in_input;
+  out.report.interrupted = read->stopped;
+  out.report.frames_in_input = read->frames_in_input;
   return out;
 }
 

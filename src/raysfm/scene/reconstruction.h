@@ -81,8 +81,8 @@ struct CalibrationNumber {
   int camera = 0;    // index into Rig::cameras
   std::string name;  // as in the camera file; `rotation` in radians about the axes of the camera as given
   double given = 0;
-  double refined = 0;       // the given one where it stays
-  double sigma = 0;         // of `refined`, standard deviation; what calibrations are off where it is not told
+  double refined = 0;  // the given one where it stays
+  double sigma = 0;    // of `refined`, standard deviation; what calibrations are off where it is not told
   double significance = 0;  // of what was found off it, in standard deviations
   bool told = false;        // whether the footage tells it better than that
 };
