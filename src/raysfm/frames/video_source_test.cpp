@@ -72,7 +72,7 @@ Reading read_video(const fs::path& path, double fps = 0, int threads = 0, const 
 TEST(VideoSource, SaysHowWideItsPixelsAre) {
   const TemporaryFolder folder;
   const auto aspect_of = [&](AVRational told) {
-    const fs::path path = folder / "pixels.mkv";
+    const fs::path path = folder.path() / "pixels.mkv";
     write_video(path, {.pixel_aspect = told, .paint = paint_planar});
     const auto source = open_video(path.string(), {});
     return source ? (*source)->pixel_aspect() : NAN;
