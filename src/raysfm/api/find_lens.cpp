@@ -473,8 +473,12 @@ std::string doubt_warning(const LensDoubt& doubt) {
 
 std::optional<FoundLens> own_lens(const TrackSettings& settings, const LensDoubt& doubt, Input input,
                                   const TrackCallbacks& callbacks) {
+  tell(callbacks.event, Event::Level::kInfo,
+       "track is not sure of the lens of the camera file: the footage is asked for its own");
+  TrackCallbacks unheard = callbacks;  // there is a camera file, and what comes of it is told by the caller
+  unheard.event = {};
   ZoomedStretch zoom;
-  Result<FoundLens> own = find_lens(settings, std::move(input), callbacks, &zoom);
+  Result<FoundLens> own = find_lens(settings, std::move(input), unheard, &zoom);
   if (!own || zoom.last_frame >= 0 || own->origin.source != "footage") return std::nullopt;
   if (!differ(own->origin.focal, doubt.given, 0)) return std::nullopt;
   return *std::move(own);
