@@ -423,6 +423,17 @@ void Mapper::choose_window(const Map& map, int first_observed) {
   }
 }
 
+// Of a window that is the whole map: arrays that grow by themselves leave holes of their size in the heap.
+void Mapper::reserve_observations(const Map& map) {
+  size_t count = 0;
+  for (const int t : window_.tracks) count += map.tracks[t].observations.size();
+  window_.observations.reserve(count);
+  window_.sigmas.reserve(count);
+  window_.sources.reserve(count);
+  window_.inliers.reserve(count);
+  if (rig_.angular()) window_.rays.reserve(count);
+}
+
 // The window as flat arrays.
 void Mapper::gather(const Map* map, int first_observed, int first_free) {
   const int count = static_cast<int>(map->keyframes.size());
@@ -449,13 +460,7 @@ void Mapper::gather(const Map* map, int first_observed, int first_free) {
     window_.poses.push_back(map->keyframes[k].rig_from_world);
     window_.free.push_back(k >= first_free && k > 0);  // the first key frame is the world
   }
-  size_t most = 0;
-  for (const int t : window_.tracks) most += map->tracks[t].observations.size();
-  window_.observations.reserve(most);
-  window_.sigmas.reserve(most);
-  window_.sources.reserve(most);
-  window_.inliers.reserve(most);
-  if (rig_.angular()) window_.rays.reserve(most);
+  if (first_observed == 0) reserve_observations(*map);
   for (const int t : window_.tracks) {
     for (const TrackObservation& o : map->tracks[t].observations) {
       const int pose = window_.pose_of_keyframe[o.keyframe];

@@ -97,6 +97,7 @@ class Mapper {
   bool triangulate_track(const Map& map, Track* track);
   void refit_surfaces(const Map& map, std::vector<KeyFrameView>* views);
   void choose_window(const Map& map, int first_observed);
+  void reserve_observations(const Map& map);
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
   ScalePrior present_extent() const;
