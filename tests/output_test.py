@@ -213,7 +213,7 @@ class OlderResult(OutputTest):
         disk = self.folder / "disk"
         for self.out in (disk, disk / "out"):
             disk.mkdir(exist_ok=True)
-            mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", disk], capture_output=True)
+            mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", disk], capture_output=True)
             if mounted.returncode != 0:
                 self.skipTest("tmpfs cannot be mounted here")
             try:
