@@ -50,6 +50,23 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
   return out;
 }
 
+// The same with a label written over a corner of every image, from its first frame on.
+inline SynthViews labelled(const SynthViews& views, int first = 0) {
+  const Texture label(9, 5, 20, 50);
+  SynthViews out{{}, views.world_from_rig, views.timestamps};
+  for (int i = 0; i < views.size(); ++i) {
+    GrayImage image(views.images[i].width(), views.images[i].height());
+    for (int y = 0; y < image.height(); ++y) {
+      std::copy_n(views.images[i].row(y), image.width(), image.row(y));
+      for (int x = image.width() / 2; i >= first && y < image.height() / 3 && x < image.width(); ++x) {
+        image.row(y)[x] = to_grey(label({x, y}));
+      }
+    }
+    out.images.push_back(std::move(image));
+  }
+  return out;
+}
+
 // About 3 m along a corridor.
 inline const SynthViews& corridor() {
   static const SynthViews views = synth_views("corridor", "drive", 30);

@@ -166,13 +166,15 @@ void TrackJoiner::follow(const Followed& followed, const CameraView& camera,
   }
 }
 
-void TrackJoiner::add(const ViewPtr& view) {
-  input_.timestamps.push_back(view->timestamp);
-  input_.names.push_back(view->name);
+void TrackJoiner::add(const ViewPtr& whole) {
+  input_.timestamps.push_back(whole->timestamp);
+  input_.names.push_back(whole->name);
   input_.keyframe.push_back(0);
-  input_.defects.push_back(view->defect);
-  input_.same_as.push_back(view->same_as >= 0 ? newest_picture_ : -1);
-  if (!view->defect.empty() || view->same_as >= 0) return;
+  input_.defects.push_back(whole->defect);
+  input_.same_as.push_back(whole->same_as >= 0 ? newest_picture_ : -1);
+  if (!whole->defect.empty() || whole->same_as >= 0) return;
+  marks_.watch(*whole);
+  const ViewPtr view = marks_.without(whole);
   newest_picture_ = frames() - 1;
   ++pictures_;
   const CameraView& camera = view->cameras[0];
@@ -214,7 +216,22 @@ PointTracks corner_tracks(std::span<const ViewPtr> views, int camera) {
   return tracks;
 }
 
+// What was seen of them before they were known for what they are.
+void TrackJoiner::forget_marks() {
+  PointTracks& tracks = input_.tracks;
+  PointTracks rest;
+  rest.image_count = tracks.image_count;
+  rest.point_count = tracks.point_count;
+  rest.image_size = tracks.image_size;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!marks_.covers(0, tracks.pixel[k].cast<float>()))
+      rest.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
+  }
+  tracks = std::move(rest);
+}
+
 SolveInput TrackJoiner::finish() {
+  if (!marks_.empty()) forget_marks();
   keep_seen_twice(&input_);
   return std::move(input_);
 }

@@ -14,6 +14,7 @@
 #include "raysfm/matching/pair_tracker.h"
 #include "raysfm/streams/view_stream.h"
 #include "raysfm/uncalibrated/reconstruct.h"
+#include "raysfm/views/fixed_marks.h"
 
 namespace raysfm {
 
@@ -49,7 +50,10 @@ class TrackJoiner {
   void make_keyframe(const ViewPtr& view, std::vector<Sighting> sightings);
   void describe(const CameraView& camera, const std::vector<Sighting>& sightings);
 
+  void forget_marks();
+
   SolveInput input_;
+  FixedMarks marks_;
   int keyframes_ = 0, pictures_ = 0;
   int newest_picture_ = -1;        // the newest frame that repeats no other
   std::deque<Followed> followed_;  // the newest key frame first

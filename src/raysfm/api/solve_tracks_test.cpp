@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <set>
@@ -13,6 +14,7 @@
 namespace raysfm {
 namespace {
 
+using testing_support::labelled;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -147,6 +149,22 @@ TEST(TrackJoiner, EveryTrackIsSeenTwiceAndOnceInAnImage) {
     EXPECT_TRUE(once.emplace(input.tracks.image[k], input.tracks.point[k]).second);
   }
   for (const int count : seen) EXPECT_GE(count, 2);
+}
+
+// Inside the label of labelled(), where no patch shows the corridor too.
+bool in_label(const Eigen::Vector2d& p) {
+  return p.x() > kWidth / 2 + 5 && p.y() < kHeight / 3 - 5;
+}
+
+TEST(TrackJoiner, WhatMovesWithTheCameraIsForgotten) {
+  const SynthViews plain = synth_views("corridor", "drive", 60), views = labelled(plain);
+  TrackJoiner joiner, of_plain;
+  for (int i = 0; i < views.size(); ++i) joiner.add(views.view(i, i)), of_plain.add(plain.view(i, i));
+  const SolveInput input = joiner.finish(), expected = of_plain.finish();
+  ASSERT_TRUE(validate(input.tracks).ok());
+  EXPECT_EQ(std::ranges::count_if(input.tracks.pixel, in_label), 0);
+  EXPECT_GT(std::ranges::count_if(expected.tracks.pixel, in_label), 1000);
+  EXPECT_GT(input.tracks.size(), expected.tracks.size() / 2);
 }
 
 // Stretch after stretch, every frame once; each stretch stands alone.

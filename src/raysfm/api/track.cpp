@@ -321,6 +321,13 @@ class Narrator : public TrackerObserver {
          fmt::format("frame {} sees what frame {} saw ({} points): {}", c.frame, c.with_frame, c.inliers,
                      c.joined_worlds ? "worlds joined" : "loop closed"));
   }
+  void marks_found(const MarksFound& e) override {
+    tell(event_, Event::Level::kInfo,
+         fmt::format(
+             "{:.0f} % of the image stays in its place while the rest moves (a text, a logo, a bonnet): "
+             "it is left out from frame {} on",
+             100 * e.part, e.frame));
+  }
 
  private:
   const EventSink& event_;
@@ -343,6 +350,7 @@ class ObserverPair : public TrackerObserver {
   void track_lost(const TrackLost& e) override { tell(&TrackerObserver::track_lost, e); }
   void track_found(const TrackFound& e) override { tell(&TrackerObserver::track_found, e); }
   void place_seen_again(const PlaceSeenAgain& e) override { tell(&TrackerObserver::place_seen_again, e); }
+  void marks_found(const MarksFound& e) override { tell(&TrackerObserver::marks_found, e); }
 
  private:
   template <typename What>

@@ -75,6 +75,13 @@ struct PlaceSeenAgain {
   int joined_world = -1;  // that is no more, or -1
 };
 
+// Part of the images stays in its place while the rest of them moves: a text, a logo, the bonnet of a car. It
+// is left out from now on.
+struct MarksFound {
+  int frame = 0;    // the newest
+  double part = 0;  // of the images, 0 to 1
+};
+
 // Told what happens while frames are pushed, on the thread that pushes them. It must not call the tracker.
 class TrackerObserver {
  public:
@@ -88,6 +95,7 @@ class TrackerObserver {
   virtual void track_lost(const TrackLost&) {}
   virtual void track_found(const TrackFound&) {}
   virtual void place_seen_again(const PlaceSeenAgain&) {}
+  virtual void marks_found(const MarksFound&) {}
 };
 
 }  // namespace raysfm

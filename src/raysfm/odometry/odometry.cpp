@@ -155,10 +155,19 @@ void Odometry::go_through_waiting() {
     ViewPtr view = std::move(waiting_.front());
     waiting_.pop_front();
     if (tracking()) {
+      if (marks_.is_in_doubt()) view = detected(view);
       track(std::move(view));
+      if (std::exchange(marks_are_new_, false)) forget_marks();
       continue;
     }
     view = detected(view);
+    if (std::exchange(marks_are_new_, false)) {
+      if (segments_.empty()) {
+        start_without_marks(view);
+        continue;
+      }
+      forget_marks();
+    }
     if (!segments_.empty() && relocalise(view)) continue;
     if (!turn_on_the_spot(view)) explain_blindness(*view);
     if (options_.starts_worlds) start(view);
@@ -190,10 +199,33 @@ void Odometry::explain_blindness(const View& view) {
 }
 
 ViewPtr Odometry::detected(const ViewPtr& view) {
-  if (!maker_) return view;
-  ViewPtr with_corners = maker_->detected(view);
+  const ViewPtr with_corners = maker_ ? maker_->detected(view) : view;
   detected_ms_ += with_corners->detect_ms - view->detect_ms;
-  return with_corners;
+  if (with_corners->detected() && marks_.watch(*with_corners)) {
+    marks_are_new_ = true;
+    observer_->marks_found({view->frame, marks_.part_of(*with_corners)});
+  }
+  return marks_.without(with_corners);
+}
+
+// Before anything has started all views are gone through again, as if marks had been known.
+void Odometry::start_without_marks(const ViewPtr& view) {
+  const std::vector<WaitingView> views = starter_->views();
+  starter_.emplace(rig_, options_);
+  marks_.hold_from(views.empty() ? view->frame : views.front().frame);
+  waiting_.push_front(view);
+  for (auto it = views.rbegin(); it != views.rend(); ++it) {
+    if (it->view) waiting_.push_front(it->view);
+  }
+}
+
+// What was taken for points of the scene, and bent it.
+void Odometry::forget_marks() {
+  give_up_marks(marks_, &segment().map);
+  if (!tracking()) return;
+  std::erase_if(previous_->pose.matches,
+                [&](const PointMatch& m) { return marks_.covers(m.camera, m.pixel); });
+  adjust_all();
 }
 
 void Odometry::start(const ViewPtr& view) {

@@ -16,6 +16,7 @@
 #include "raysfm/places/place_memory.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/uncertainty/map_covariance.h"
+#include "raysfm/views/fixed_marks.h"
 #include "raysfm/views/other_motion.h"
 #include "raysfm/views/view_archive.h"
 #include "raysfm/views/view_maker.h"
@@ -182,6 +183,8 @@ class Odometry {
   void repeat(const View& view);
   void tell_posed(int frame);
   ViewPtr detected(const ViewPtr& view);
+  void start_without_marks(const ViewPtr& view);
+  void forget_marks();
   void go_through_waiting();
   FrameResult result_of(int frame) const;
   std::string waiting_reason() const;
@@ -277,6 +280,8 @@ class Odometry {
   CalibrationRefiner refiner_;
   MapCovariance map_covariance_;
   MotionWatch motion_watch_;
+  FixedMarks marks_;
+  bool marks_are_new_ = false;  // during the present frame
   std::optional<Starter> starter_;
   TurnTracker turner_;  // while track is lost
   std::deque<SegmentState> segments_;

@@ -17,6 +17,7 @@ namespace {
 
 using testing_support::black_view;
 using testing_support::flat_image;
+using testing_support::labelled;
 using testing_support::small_camera;
 using testing_support::synth_views;
 using testing_support::SynthViews;
@@ -40,6 +41,11 @@ struct Film {
       world_from_rig.emplace_back();
     }
   }
+};
+
+struct MarksListener : TrackerObserver {
+  std::vector<MarksFound> found;
+  void marks_found(const MarksFound& e) override { found.push_back(e); }
 };
 
 struct PlaceListener : TrackerObserver {
@@ -331,6 +337,40 @@ TEST(OdometryPlaces, AStateThatIsNotWholeIsRefused) {
   EXPECT_FALSE(is_read(broken.state + "x"));
   broken.views.erase(broken.views.begin());
   EXPECT_FALSE(is_read(broken.state));
+}
+
+// Along a corridor with a label over a sixth of every image, or of those from a frame on.
+Film labelled_corridor(int first) {
+  Film film;
+  film.add(labelled(synth_views("corridor", "drive", 80), first), 0, 80);
+  return film;
+}
+
+// Its corners stay in their place, as those of points infinitely far do, and a map with them is wrong.
+TEST(OdometryMarks, WhatMovesWithTheCameraIsLeftOut) {
+  for (const int first : {0, 30}) {
+    SCOPED_TRACE(first);
+    const Film film = labelled_corridor(first);
+    MarksListener listener;
+    const Reconstruction r = run(film, {}, {{small_camera()}}, &listener);
+    ASSERT_FALSE(listener.found.empty());
+    EXPECT_GE(listener.found[0].frame, first);
+    EXPECT_NEAR(listener.found.back().part, 1.0 / 6, 0.08);
+    ASSERT_EQ(r.segments.size(), 1u);
+    expect_posed_where_it_sees(r, film);
+    EXPECT_LT(error_of(r, film).percent_of_path(), 0.1);
+  }
+}
+
+TEST(OdometryMarks, ItGoesOnFromItsStateWithTheSameResult) {
+  const Film film = labelled_corridor(0);
+  MarksListener listener;
+  const Reconstruction whole = run(film, {}, {{small_camera()}}, &listener);
+  ASSERT_FALSE(listener.found.empty());
+  const int found = listener.found[0].frame;
+  for (const int views : {5, found - 3, found + 1, found + 10, film.size()}) {
+    expect_same_after_a_break(film, whole, views);
+  }
 }
 
 ViewPtr stereo_view(GrayImage left, GrayImage right, int frame) {

@@ -45,6 +45,8 @@ void Odometry::Previous::archive(A& a) {
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.
 template <typename A>
 void Odometry::archive(A& a) {
+  raysfm::archive(a, marks_);
+  if constexpr (A::kReads) a.prepare_views([this](const ViewPtr& view) { return marks_.without(view); });
   raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
                   turner_, local_, anchor_distance_, posed_, settled_before_, places_, closures_,
                   map_covariance_, motion_watch_);

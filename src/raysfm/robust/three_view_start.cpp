@@ -20,6 +20,11 @@ using Eigen::Vector3d;
 
 namespace {
 
+// A motion far from the right one may agree with most matches where the parallax is small, and a search ends
+// once most agree. So what is to be a start is searched for more than once.
+constexpr int kSearches = 4;
+constexpr uint64_t kOtherSeed = 0x9e3779b97f4a7c15;
+
 // Motion over three views from five matches.
 class MotionRansac {
  public:
@@ -250,6 +255,31 @@ StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewO
   return StartProblem::kNone;
 }
 
+ThreeViewMotion motion_of(const ThreeViewStart& start) {
+  return {start.cam1_from_cam0, start.cam2_from_cam0};
+}
+
+double cost_of(const ThreeViewStart& start, const MotionRansac& motions) {
+  return motions.score(motion_of(start), std::numeric_limits<double>::infinity()).cost;
+}
+
+// One search, what came of it refined and judged.
+void search_motion(const ThreeViewBearings& bearings, const ThreeViewOptions& options,
+                   const RansacOptions& search, MotionRansac* motions, ThreeViewStart* start) {
+  ThreeViewMotion motion;
+  const RansacReport report = ransac(*motions, search, &motion);
+  start->iterations = report.iterations;
+  if (report.found()) {
+    std::vector<int> inliers;
+    motions->collect_inliers(motion, &inliers);
+    if (inliers.size() >= 5) {
+      motion = best_of_two(bearings, inliers, *motions, motion, &start->rival_cost);
+    }
+    polish(bearings, options.max_error, motion, start);
+  }
+  start->problem = diagnose(*start, bearings.size(), options);
+}
+
 }  // namespace
 
 ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
@@ -268,26 +298,23 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
   start.problem = StartProblem::kNoMotion;
   if (!(start.median_displacement >= options.min_displacement)) return start;
 
-  const RansacOptions search{.max_iterations = options.max_iterations,
-                             .confidence = options.confidence,
-                             .seed = options.seed,
-                             .stream = options.stream};
+  RansacOptions search{.max_iterations = options.max_iterations,
+                       .confidence = options.confidence,
+                       .seed = options.seed,
+                       .stream = options.stream};
   start.rotation_inliers =
       rotation_inliers(bearings0, bearings2, options.max_error, enough_inliers(count, options), search);
 
   MotionRansac motions(bearings, options.max_error);
-  ThreeViewMotion motion;
-  const RansacReport report = ransac(motions, search, &motion);
-  start.iterations = report.iterations;
-  if (report.found()) {
-    std::vector<int> inliers;
-    motions.collect_inliers(motion, &inliers);
-    if (inliers.size() >= 5) {
-      motion = best_of_two(bearings, inliers, motions, motion, &start.rival_cost);
-    }
-    polish(bearings, options.max_error, motion, &start);
+  const ThreeViewStart empty = start;
+  search_motion(bearings, options, search, &motions, &start);
+  for (int k = 1; k < kSearches && start.ok(); ++k) {
+    search.seed += kOtherSeed;
+    ThreeViewStart other = empty;
+    search_motion(bearings, options, search, &motions, &other);
+    if (differ(motion_of(other), motion_of(start)) && cost_of(other, motions) < cost_of(start, motions))
+      start = std::move(other);
   }
-  start.problem = diagnose(start, count, options);
   return start;
 }
 

@@ -1,6 +1,7 @@
 #include "raysfm/views/dead_features.h"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -93,6 +94,25 @@ void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* vie
   keep(kept, &view->point_jacobians);
   keep(kept, &view->patches);
   keep_described(moved_to, &k);
+}
+
+void give_up_marks(const FixedMarks& marks, Map* map) {
+  for (int t = 0; t < static_cast<int>(map->tracks.size()); ++t) {
+    Track& track = map->tracks[t];
+    const auto is_about_mark = [&](const TrackObservation& o) {
+      const MapKeyFrame& k = map->keyframes[o.keyframe];
+      return marks.covers(k.cameras[o.feature], k.pixels[o.feature]);
+    };
+    if (2 * std::ranges::count_if(track.observations, is_about_mark) <= std::ssize(track.observations))
+      continue;
+    for (const TrackObservation& o : track.observations) {
+      map->keyframes[o.keyframe].tracks[o.feature] = -1;
+      map->keyframes[o.keyframe].inliers[o.feature] = 0;
+    }
+    track.observations.clear();
+    track.triangulated = false;
+    if (!track.had_position) map->free_track(t);
+  }
 }
 
 }  // namespace raysfm

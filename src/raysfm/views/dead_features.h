@@ -1,6 +1,7 @@
 #pragma once
 
 #include "raysfm/scene/map.h"
+#include "raysfm/views/fixed_marks.h"
 #include "raysfm/views/view.h"
 
 namespace raysfm {
@@ -10,5 +11,8 @@ namespace raysfm {
 // numbers may be used again. For key frames that the newest does not follow any more. With `for_good`, of a
 // key frame whose images are forgotten, only what the map stands on stays: inliers of points.
 void drop_dead_features(int keyframe, bool for_good, Map* map, KeyFrameView* view);
+
+// Gives up the tracks that were seen about marks more often than elsewhere: no key frame sees them any more.
+void give_up_marks(const FixedMarks& marks, Map* map);
 
 }  // namespace raysfm

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string_view>
+#include <utility>
 
 #include "raysfm/core/archive.h"
 #include "raysfm/views/view.h"
@@ -30,16 +32,21 @@ class StateReader : public ArchiveReader {
   StateReader(std::string_view content, const std::map<int, ViewPtr>& views)
       : ArchiveReader(content), views_(views) {}
 
+  // What becomes of each view that is read from now on.
+  void prepare_views(std::function<ViewPtr(const ViewPtr&)> prepare) { prepare_ = std::move(prepare); }
+
   ViewPtr view(int frame) {
     const auto found = views_.find(frame);
     all_views_ = all_views_ && found != views_.end();
-    return found != views_.end() ? found->second : nullptr;
+    if (found == views_.end()) return nullptr;
+    return prepare_ ? prepare_(found->second) : found->second;
   }
   // No view was missing.
   bool all_views() const { return all_views_; }
 
  private:
   const std::map<int, ViewPtr>& views_;
+  std::function<ViewPtr(const ViewPtr&)> prepare_;
   bool all_views_ = true;
 };
 

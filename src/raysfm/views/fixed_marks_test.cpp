@@ -1,0 +1,93 @@
+#include "raysfm/views/fixed_marks.h"
+
+#include <gtest/gtest.h>
+
+#include "support/panel_world.h"
+#include "support/texture.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::as_view;
+using testing_support::render;
+using testing_support::Texture;
+
+constexpr int kFilmWidth = 320, kFilmHeight = 240, kFilmFrames = 80;
+// Of what is laid over the film.
+constexpr int kLeft = 200, kTop = 20, kRight = 300, kBottom = 80;
+constexpr float kRim = 5;  // pixels: patches nearer to its edge show the wall too
+
+bool on_label(const Eigen::Vector2f& p, float margin = 0) {
+  return p.x() >= kLeft - margin && p.x() <= kRight + margin && p.y() >= kTop - margin &&
+         p.y() <= kBottom + margin;
+}
+
+// A wall that has moved so far, with a label in front that stays.
+ViewPtr labelled_wall(const Eigen::Vector2d& moved, int frame, bool has_label = true) {
+  static const Texture wall(4, 6, 30, 40), label(9, 5, 20, 50);
+  GrayImage image = render(wall, kFilmWidth, kFilmHeight,
+                           [&](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + moved; });
+  const GrayImage in_front =
+      render(label, kFilmWidth, kFilmHeight, [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
+  for (int y = kTop; has_label && y <= kBottom; ++y) {
+    std::copy_n(in_front.row(y) + kLeft, kRight - kLeft + 1, image.row(y) + kLeft);
+  }
+  return as_view(std::move(image), frame);
+}
+
+// All of a film whose wall moves by so much from frame to frame.
+FixedMarks watched(const Eigen::Vector2d& step, bool has_label) {
+  FixedMarks marks;
+  for (int i = 0; i < kFilmFrames; ++i) marks.watch(*labelled_wall(i * step, i, has_label));
+  return marks;
+}
+
+TEST(FixedMarks, WhatStaysInItsPlaceIsLeftOut) {
+  const FixedMarks marks = watched({4, 1}, true);
+  const ViewPtr whole = labelled_wall({500, 100}, kFilmFrames);
+  const ViewPtr rest = marks.without(whole);
+  int on_label_before = 0, on_label_after = 0, elsewhere_before = 0, elsewhere_after = 0;
+  const float reach = 0.025f * kFilmWidth;
+  for (const Eigen::Vector2f& p : whole->cameras[0].features.pixels) {
+    on_label_before += on_label(p);
+    elsewhere_before += !on_label(p, reach);
+  }
+  const CameraView& left = rest->cameras[0];
+  for (const Eigen::Vector2f& p : left.features.pixels) {
+    on_label_after += on_label(p, -kRim);
+    elsewhere_after += !on_label(p, reach);
+  }
+  ASSERT_GT(on_label_before, 40);
+  EXPECT_EQ(on_label_after, 0);
+  EXPECT_EQ(elsewhere_after, elsewhere_before);
+  EXPECT_NEAR(marks.part_of(*whole), 100.0 * 60 / (kFilmWidth * kFilmHeight), 0.06);
+  EXPECT_EQ(left.patches.size(), left.features.size());
+  EXPECT_EQ(std::ssize(left.rgb), left.features.size());
+  int in_grids = 0;
+  for (const FeatureGrid& grid : left.grids) in_grids += grid.size();
+  EXPECT_EQ(in_grids, left.features.size());
+}
+
+TEST(FixedMarks, NothingIsLeftOutWhereAllMovesOrAllStands) {
+  EXPECT_TRUE(watched({4, 1}, false).empty());
+  EXPECT_TRUE(watched({0, 0}, true).empty()) << "a camera that stands sees nothing move";
+  EXPECT_TRUE(watched({0.02, 0}, true).empty()) << "nearly";
+}
+
+TEST(FixedMarks, HoldFromTheFrameOnThatTheyWereFoundIn) {
+  FixedMarks marks;
+  int found = -1;
+  for (int i = 0; i < kFilmFrames && found < 0; ++i) {
+    if (marks.watch(*labelled_wall({4.0 * i, 0}, i))) found = i;
+  }
+  ASSERT_GT(found, 5);
+  const ViewPtr before = labelled_wall({0, 0}, found - 1);
+  EXPECT_EQ(marks.without(before), before);
+  EXPECT_LT(marks.without(labelled_wall({0, 0}, found))->cameras[0].features.size(),
+            before->cameras[0].features.size());
+  marks.hold_from(0);
+  EXPECT_NE(marks.without(before), before);
+}
+
+}  // namespace
+}  // namespace raysfm
