@@ -93,8 +93,11 @@ void PlaceIndex::Bucket::offer_near(uint64_t signature, std::span<const uint8_t>
 
 int PlaceIndex::add(std::span<const Descriptor> descriptors) {
   buckets_.resize(kParts * kBuckets);
-  for (const Descriptor& d : descriptors) {
-    const uint64_t bits = signature(d);
+  std::vector<uint64_t> signatures;
+  for (const Descriptor& d : descriptors) signatures.push_back(signature(d));
+  for (size_t i = 0; i < signatures.size(); ++i) {
+    fetch_ahead(signatures, i);
+    const uint64_t bits = signatures[i];
     for (int part = 0; part < kParts; ++part) {
       Bucket& bucket = buckets_[bucket_of(bits, part)];
       if (bucket.places.empty()) {
