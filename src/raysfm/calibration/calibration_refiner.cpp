@@ -95,8 +95,8 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
       if (seen < 0) seen = count_seen(map, t, begin, end);
       if (seen >= kLeastSeen) by_length.push_back({-seen, t});
     }
-    std::sort(by_length.begin(), by_length.end());
     const int count = std::min<int>(by_length.size(), k == begin ? kPointsOfFirst : kPointsPerKeyFrame);
+    std::partial_sort(by_length.begin(), by_length.begin() + count, by_length.end());
     for (int i = 0; i < count; ++i) {
       point_of_track_[by_length[i].second] = static_cast<int>(tracks_.size());
       tracks_.push_back(by_length[i].second);

@@ -1,6 +1,7 @@
 #include "raysfm/features/corner_selection.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -48,8 +49,28 @@ void CornerSelector::choose_per_cell(const std::vector<Corner>& corners, int wid
   }
 }
 
+// Chooses those of the best that are in a better class than the last of them, classes being scores within an
+// eighth of a power of two, and returns those that are in its class. Few are left to be compared, and no
+// branch depends on a single score.
+std::span<uint64_t> CornerSelector::choose_better_classes(std::span<uint64_t> ranks, size_t* count) {
+  constexpr int kClassShift = 52;  // exponent and three bits of the fraction
+  std::array<uint32_t, size_t{1} << (64 - kClassShift)> members{};
+  for (const uint64_t r : ranks) ++members[r >> kClassShift];
+  size_t last = members.size() - 1, better = 0, left = 0;
+  while (better + members[last] < *count) better += members[last--];
+  for (const uint64_t r : ranks) {
+    chosen_[index_of(r)] |= static_cast<uint8_t>(r >> kClassShift > last);
+    ranks[left] = r;
+    left += r >> kClassShift == last;
+  }
+  *count -= better;
+  return ranks.first(left);
+}
+
 void CornerSelector::choose_best(std::span<uint64_t> ranks, size_t count) {
+  constexpr size_t kMany = 256;
   count = std::min(count, ranks.size());
+  if (ranks.size() > kMany) ranks = choose_better_classes(ranks, &count);
   const auto last = ranks.begin() + static_cast<std::ptrdiff_t>(count);
   if (last != ranks.end()) std::nth_element(ranks.begin(), last, ranks.end(), std::greater<>());
   for (auto i = ranks.begin(); i != last; ++i) chosen_[index_of(*i)] = 1;

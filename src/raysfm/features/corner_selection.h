@@ -25,6 +25,7 @@ class CornerSelector {
                        float spread);
 
   void choose_best(std::span<uint64_t> ranks, size_t count);
+  std::span<uint64_t> choose_better_classes(std::span<uint64_t> ranks, size_t* count);
 
   std::vector<int> starts_;      // of each cell in ranks_
   std::vector<uint64_t> ranks_;  // of corners, by cell

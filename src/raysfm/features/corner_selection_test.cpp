@@ -3,6 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numeric>
+#include <vector>
 
 #include "raysfm/core/random.h"
 
@@ -49,6 +53,25 @@ TEST(CornerSelection, EqualScoresGoToTheEarlier) {
   CornerSelector().select(100, 100, 20, 0, &corners);
   ASSERT_EQ(corners.size(), 20u);
   for (int i = 0; i < 20; ++i) EXPECT_EQ(corners[i].x, i);
+}
+
+// Scores of all sizes, many of them equal, none among them.
+TEST(CornerSelection, OfManyThoseAreChosenThatASortPutsFirst) {
+  Rng rng(2);
+  auto corners = random_corners(3000, 640, 480);
+  for (Corner& c : corners) c.score = std::exp2(static_cast<float>(std::floor(rng.uniform(-60, 60)) / 4));
+  for (size_t i = 0; i < corners.size(); i += 7) corners[i].score = 0;
+  std::vector<int> order(corners.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::stable_sort(order, std::greater<>(), [&](int i) { return corners[i].score; });
+  for (const int count : {1, 57, 700, 1500, 2900, 2999}) {
+    std::vector<int> best(order.begin(), order.begin() + count);
+    std::ranges::sort(best);
+    auto chosen = corners;
+    CornerSelector().select(640, 480, count, 0, &chosen);
+    ASSERT_EQ(static_cast<int>(chosen.size()), count);
+    for (int i = 0; i < count; ++i) EXPECT_EQ(chosen[i].x, corners[best[i]].x) << count;
+  }
 }
 
 TEST(CornerSelection, FewerThanWantedAllStay) {

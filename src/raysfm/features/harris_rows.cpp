@@ -166,29 +166,39 @@ void max_along_row(const float* in, int width, float* out) {
   }
 }
 
-int find_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
-                int* columns) {
+// Sets a bit for each maximum, kBytes for a vector of columns. No branch: where a corner may be is anybody's
+// guess.
+constexpr int kBytes = static_cast<int>((hn::MaxLanes(kFloats) + 7) / 8);
+void mark_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
+                 uint8_t* marks) {
   const int lanes = static_cast<int>(hn::Lanes(kFloats));
   const auto least = hn::Set(kFloats, min_score);
   const Rows g(greatest);
-  int count = 0;
-  for (int x = begin / lanes * lanes; x < end; x += lanes) {
+  for (int x = begin; x < end; x += lanes, marks += kBytes) {
     const auto load = [x](const float* from) HWY_ATTR { return hn::LoadU(kFloats, from + x); };
     const auto centre = load(row);
-    // Most of a picture is nowhere near a corner.
-    const auto may_be = hn::Ge(centre, hn::Max(load(g.c), least));
-    if (hn::AllFalse(kFloats, may_be)) continue;
-    const auto is_max = hn::And(hn::And(may_be, hn::Gt(centre, hn::Max(load(g.a), load(g.b)))),
-                                hn::Ge(centre, hn::Max(load(g.d), load(g.e))));
-    if (hn::AllFalse(kFloats, is_max)) continue;
-    uint8_t bytes[8] = {};
-    hn::StoreMaskBits(kFloats, is_max, bytes);
+    const auto earlier = hn::Max(hn::Max(load(g.a), load(g.b)), hn::Max(load(row - 1), load(row - 2)));
+    const auto others = hn::Max(hn::Max(load(g.c), load(g.d)), hn::Max(load(g.e), least));
+    hn::StoreMaskBits(kFloats, hn::And(hn::Gt(centre, earlier), hn::Ge(centre, others)), marks);
+  }
+}
+
+int find_maxima(const float* row, const float* const greatest[5], int begin, int end, float min_score,
+                int* columns) {
+  constexpr int kWord = 8;  // bytes
+  const int lanes = static_cast<int>(hn::Lanes(kFloats));
+  const int first = begin / lanes * lanes, bytes = (end - first + lanes - 1) / lanes * kBytes;
+  uint8_t marks[kMaxRowWidth + 2 * kRowMargin];
+  mark_maxima(row, greatest, first, end, min_score, marks);
+  std::fill_n(marks + bytes, kWord, uint8_t{0});
+  int count = 0;
+  for (int byte = 0; byte < bytes; byte += kWord) {
     uint64_t bits = 0;
-    for (int i = 0; i < 8; ++i) bits |= uint64_t{bytes[i]} << (8 * i);
+    for (int i = 0; i < kWord; ++i) bits |= uint64_t{marks[byte + i]} << (8 * i);
     for (; bits != 0; bits &= bits - 1) {
-      const int column = x + std::countr_zero(bits);
-      const bool is_first = row[column] > row[column - 1] && row[column] > row[column - 2];
-      if (column >= begin && column < end && is_first) columns[count++] = column;
+      const int bit = 8 * byte + std::countr_zero(bits);
+      const int column = first + bit / (8 * kBytes) * lanes + bit % (8 * kBytes);
+      if (column >= begin && column < end) columns[count++] = column;
     }
   }
   return count;

@@ -110,8 +110,17 @@ void sample_shifted(const PixelBlock& block, int wx, int wy, int16_t* HWY_RESTRI
 }
 
 void extract_shifted(const GrayView& image, const Eigen::Vector2f* pixels, int count, PatchSet* patches) {
-  alignas(64) std::array<int16_t, kPatchStride + 64> samples;
+  // A patch is normalised after the next one was sampled: vectors that are read right after parts of them
+  // were written wait for these.
+  alignas(64) std::array<std::array<int16_t, kPatchStride + 64>, 2> samples;
   BlockBuffer<kPatchSide + 1> buffer;
+  int waiting = -1;  // sampled, not normalised; its samples are those of its number's parity
+  const auto normalise_waiting = [&] {
+    if (waiting < 0) return;
+    patches->set_inverse_norm(waiting,
+                              normalise(samples[waiting % 2].data(), patches->mutable_patch(waiting)));
+    waiting = -1;
+  };
   for (int i = 0; i < count; ++i) {
     const float x = pixels[i].x() * kWeightSteps, y = pixels[i].y() * kWeightSteps;
     const bool inside = x >= kPatchRadius * kWeightSteps && y >= kPatchRadius * kWeightSteps &&
@@ -122,9 +131,12 @@ void extract_shifted(const GrayView& image, const Eigen::Vector2f* pixels, int c
     const int xi = static_cast<int>(x + 0.5f), yi = static_cast<int>(y + 0.5f);
     const PixelBlock block = readable_block<kPatchSide + 1>(
         image, xi / kWeightSteps - kPatchRadius, yi / kWeightSteps - kPatchRadius, kPatchSide + 1, &buffer);
-    sample_shifted(block, xi % kWeightSteps, yi % kWeightSteps, samples.data());
-    patches->set_inverse_norm(i, normalise(samples.data(), patches->mutable_patch(i)));
+    if (waiting >= 0 && (i - waiting) % 2 == 0) normalise_waiting();  // it is where this one goes
+    sample_shifted(block, xi % kWeightSteps, yi % kWeightSteps, samples[i % 2].data());
+    normalise_waiting();
+    waiting = i;
   }
+  normalise_waiting();
 }
 
 void extract_warped(const GrayView& image, const Eigen::Vector2f& pixel, const Eigen::Matrix2f& m, int i,

@@ -86,17 +86,24 @@ class EdgeRuns {
 
 // `lines` is a copy, which no store can change, so that the addresses need not be read again.
 void edge_widths(const EdgeLines lines, std::vector<float>* widths) {
-  uint8_t next[kEdgeLanes] = {};
-  const auto look_at = [&](ptrdiff_t offset) {
-    for (int k = 0; k < kEdgeLines; ++k) next[k] = lines.first[k][offset];
+  // Gathered some steps at a time: a vector that is read right after its bytes were written waits for them.
+  constexpr int kAtOnce = 8;
+  uint8_t next[kAtOnce][kEdgeLanes] = {};
+  const auto look_at = [&](int begin, int count) {
+    for (int i = 0; i < count; ++i) {
+      const ptrdiff_t offset = (begin + i) * lines.step;
+      for (int k = 0; k < kEdgeLines; ++k) next[i][k] = lines.first[k][offset];
+    }
   };
-  look_at(0);
-  EdgeRuns runs(next);
-  for (int i = 1; i < lines.length; ++i) {
-    look_at(i * lines.step);
-    runs.step_to(next, widths);
+  look_at(0, 1);
+  EdgeRuns runs(next[0]);
+  int count = 1;
+  for (int begin = 1; begin < lines.length; begin += kAtOnce) {
+    count = std::min(kAtOnce, lines.length - begin);
+    look_at(begin, count);
+    for (int i = 0; i < count; ++i) runs.step_to(next[i], widths);
   }
-  runs.step_to(next, widths);  // level: every run ends
+  runs.step_to(next[count - 1], widths);  // level: every run ends
 }
 
 }  // namespace HWY_NAMESPACE

@@ -32,15 +32,22 @@ int max_local_points(const TrackingRig& rig) {
 int overlap(const Map& map, const TrackingRig& rig, int k, const Rigid3& rig_from_world) {
   constexpr int kStep = 8;
   const MapKeyFrame& keyframe = map.keyframes[k];
+  std::vector<std::pair<Eigen::Matrix3d, Eigen::Vector3d>> cams_from_world;
+  for (int c = 0; c < rig.size(); ++c) {
+    const Rigid3 cam_from_world = rig.cam_from_rig(c) * rig_from_world;
+    cams_from_world.emplace_back(cam_from_world.rotation.toRotationMatrix(), cam_from_world.translation);
+  }
   int seen = 0;
   for (int f = 0; f < keyframe.size(); f += kStep) {
     const int track = keyframe.tracks[f];
     if (track < 0 || !map.tracks[track].triangulated) continue;
-    const Eigen::Vector3d point = rig_from_world * map.tracks[track].position;
+    const Eigen::Vector3d& point = map.tracks[track].position;
     Eigen::Vector2d pixel;
     bool visible = false;
-    for (int c = 0; c < rig.size() && !visible; ++c)
-      visible = rig.see(c, rig.cam_from_rig(c) * point, &pixel);
+    for (int c = 0; c < rig.size() && !visible; ++c) {
+      const auto& [rotation, translation] = cams_from_world[c];
+      visible = rig.see(c, rotation * point + translation, &pixel);
+    }
     seen += visible;
   }
   return seen;

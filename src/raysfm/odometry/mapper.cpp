@@ -236,7 +236,7 @@ void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, const Velocity
   const int known = map->keyframes[keyframe].size();
   start_tracks(rig_, *view, kTrackSpacing, keyframe, map);
   correct_scan(rig_, velocity, known, keyframe, map);
-  views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_));
+  views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_, known));
   if (!rig_.common_views().empty()) find_across(view, keyframe, map, views);
   views->back().view = images_of(*view);
 }

@@ -70,13 +70,15 @@ std::vector<int> shared_points(const Map& map, int keyframe) {
 }
 
 SeenAndShared seen_and_shared(const Map& map, int keyframe, int other) {
-  std::vector<int> there(map.keyframes[other].tracks.begin(), map.keyframes[other].tracks.end());
-  std::ranges::sort(there);
+  std::vector<uint8_t> is_there(map.tracks.size(), 0);
+  for (const int t : map.keyframes[other].tracks) {
+    if (t >= 0) is_there[t] = 1;
+  }
   SeenAndShared found;
   for (const int t : map.keyframes[keyframe].tracks) {
     if (t < 0 || !map.tracks[t].triangulated) continue;
     ++found.seen;
-    found.shared += std::ranges::binary_search(there, t);
+    found.shared += is_there[t];
   }
   return found;
 }

@@ -52,7 +52,7 @@ std::vector<uint64_t> signatures_to_ask(std::span<const Descriptor> descriptors,
   return signatures;
 }
 
-size_t bucket_of(uint64_t signature, int part) {
+size_t value_of(uint64_t signature, int part) {
   return part * kBuckets + (signature >> (16 * part) & (kBuckets - 1));
 }
 
@@ -92,15 +92,21 @@ void PlaceIndex::Bucket::offer_near(uint64_t signature, std::span<const uint8_t>
 }
 
 int PlaceIndex::add(std::span<const Descriptor> descriptors) {
-  buckets_.resize(kParts * kBuckets);
-  for (const Descriptor& d : descriptors) {
-    const uint64_t bits = signature(d);
+  numbers_.resize(kParts * kBuckets);
+  std::vector<uint64_t> signatures;
+  for (const Descriptor& d : descriptors) signatures.push_back(signature(d));
+  for (size_t i = 0; i < signatures.size(); ++i) {
+    fetch_ahead(signatures, i);
+    const uint64_t bits = signatures[i];
     for (int part = 0; part < kParts; ++part) {
-      Bucket& bucket = buckets_[bucket_of(bits, part)];
-      if (bucket.places.empty()) {
-        bucket.signatures.reserve(kFirstFiled);
-        bucket.places.reserve(kFirstFiled);
+      uint32_t& number = numbers_[value_of(bits, part)];
+      if (number == 0) {
+        buckets_.emplace_back();
+        number = static_cast<uint32_t>(buckets_.size());
+        buckets_.back().signatures.reserve(kFirstFiled);
+        buckets_.back().places.reserve(kFirstFiled);
       }
+      Bucket& bucket = buckets_[number - 1];
       bucket.signatures.push_back(bits);
       bucket.places.push_back(static_cast<uint32_t>(size_));
     }
@@ -108,15 +114,22 @@ int PlaceIndex::add(std::span<const Descriptor> descriptors) {
   return size_++;
 }
 
-// Of signatures that are asked for soon, what memory would be waited for: their buckets, then what is filed.
+// Of signatures that are asked for soon, what memory would be waited for: the numbers of their buckets,
+// these, then what is filed.
 void PlaceIndex::fetch_ahead(std::span<const uint64_t> asked_for, size_t now) const {
-  constexpr size_t kFiled = 3, kBucket = 6;  // ahead
+  constexpr size_t kFiled = 3, kBucket = 6, kNumber = 12;  // ahead
   for (int part = 0; part < kParts; ++part) {
-    if (now + kBucket < asked_for.size())
-      __builtin_prefetch(&buckets_[bucket_of(asked_for[now + kBucket], part)]);
-    if (now + kFiled < asked_for.size())
-      __builtin_prefetch(buckets_[bucket_of(asked_for[now + kFiled], part)].signatures.data());
+    if (now + kNumber < asked_for.size())
+      __builtin_prefetch(&numbers_[value_of(asked_for[now + kNumber], part)]);
+    if (now + kBucket < asked_for.size()) __builtin_prefetch(find(asked_for[now + kBucket], part));
+    const Bucket* soon = now + kFiled < asked_for.size() ? find(asked_for[now + kFiled], part) : nullptr;
+    if (soon) __builtin_prefetch(soon->signatures.data());
   }
+}
+
+const PlaceIndex::Bucket* PlaceIndex::find(uint64_t signature, int part) const {
+  const uint32_t number = numbers_[value_of(signature, part)];
+  return number == 0 ? nullptr : &buckets_[number - 1];
 }
 
 std::vector<PlaceVotes> PlaceIndex::search(std::span<const Descriptor> descriptors,
@@ -130,8 +143,10 @@ std::vector<PlaceVotes> PlaceIndex::search(std::span<const Descriptor> descripto
   for (size_t i = 0; i < asked_for.size(); ++i) {
     fetch_ahead(asked_for, i);
     TwoNearest nearest;
-    for (int part = 0; part < kParts; ++part)
-      buckets_[bucket_of(asked_for[i], part)].offer_near(asked_for[i], is_skipped, &nearest);
+    for (int part = 0; part < kParts; ++part) {
+      const Bucket* bucket = find(asked_for[i], part);
+      if (bucket) bucket->offer_near(asked_for[i], is_skipped, &nearest);
+    }
     for (const int place : nearest.place) {
       if (place < 0) continue;
       ++places[place].votes;

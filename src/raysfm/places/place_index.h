@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <span>
 #include <vector>
 
@@ -37,7 +38,7 @@ class PlaceIndex {
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, buckets_, size_);
+    raysfm::archive(a, numbers_, buckets_, size_);
   }
 
  private:
@@ -55,8 +56,11 @@ class PlaceIndex {
     void offer_near(uint64_t signature, std::span<const uint8_t> is_skipped, TwoNearest* nearest) const;
   };
   void fetch_ahead(std::span<const uint64_t> asked_for, size_t now) const;
+  // Null: nothing was filed there.
+  const Bucket* find(uint64_t signature, int part) const;
 
-  LargeArray<Bucket> buckets_;  // of one quarter after another
+  LargeArray<uint32_t> numbers_;  // of the buckets of one quarter after another, from 1; 0: none yet
+  std::deque<Bucket, SlabAllocator<Bucket>> buckets_;
   int size_ = 0;
 };
 

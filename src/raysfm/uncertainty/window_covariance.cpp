@@ -76,19 +76,17 @@ class Window {
   };
 
   void choose_points() {
-    std::vector<int> tracks;
+    constexpr uint8_t kSeen = 1, kSeenAgain = 2;
+    std::vector<uint8_t> seen(map_.tracks.size(), 0);
     for (int k = 0; k < count_; ++k) {
       const MapKeyFrame& keyframe = map_.keyframes[first_ + k];
       for (int f = 0; f < keyframe.size(); ++f) {
         const int t = keyframe.tracks[f];
-        if (t >= 0 && keyframe.inliers[f] && map_.tracks[t].triangulated) tracks.push_back(t);
+        if (t < 0 || !keyframe.inliers[f] || seen[t] == kSeenAgain) continue;
+        if (seen[t]++ == kSeen && map_.tracks[t].triangulated) points_.push_back(t);
       }
     }
-    std::sort(tracks.begin(), tracks.end());
-    for (size_t i = 0; i + 1 < tracks.size(); ++i) {  // those seen more than once
-      if (tracks[i] == tracks[i + 1] && (points_.empty() || points_.back() != tracks[i]))
-        points_.push_back(tracks[i]);
-    }
+    std::sort(points_.begin(), points_.end());
   }
 
   bool differentiate(const TrackObservation& o, const Vector3d& point, Term* t) const {

@@ -47,17 +47,38 @@ void for_each_octave(std::span<const uint8_t> octaves, F f) {
   }
 }
 
-void extract_keyframe_patches(KeyFrameView* out) {
+// The patches of features from one on that are corners, in their order: patches of corners are known. Returns
+// which features are not.
+std::vector<uint8_t> copy_corner_patches(int first_corner, KeyFrameView* out) {
+  std::vector<uint8_t> is_open(out->pixels.size(), 1);
+  std::vector<int> next(out->view->cameras.size(), 0);  // corner of each camera
+  for (int f = first_corner; f < static_cast<int>(out->pixels.size()); ++f) {
+    const CameraView& camera = out->view->cameras[out->cameras[f]];
+    const Features& corners = camera.features;
+    int& i = next[out->cameras[f]];
+    while (i < corners.size() &&
+           !(corners.pixels[i] == out->pixels[f] && corners.octaves[i] == out->octaves[f])) {
+      ++i;
+    }
+    if (i == corners.size()) break;
+    copy_patch(camera.patches, i++, f, &out->patches);
+    is_open[f] = 0;
+  }
+  return is_open;
+}
+
+void extract_keyframe_patches(int first_corner, KeyFrameView* out) {
   std::vector<int> indices;
   std::vector<Eigen::Vector2f> pixels;
   PatchSet patches;
   out->patches.resize(static_cast<int>(out->pixels.size()));
+  const std::vector<uint8_t> is_open = copy_corner_patches(first_corner, out);
   for_each_octave(out->octaves, [&](int octave, const std::vector<int>& of_octave) {
     for (int c = 0; c < static_cast<int>(out->view->cameras.size()); ++c) {
       indices.clear();
       pixels.clear();
       for (const int i : of_octave) {
-        if (out->cameras[i] != c) continue;
+        if (out->cameras[i] != c || !is_open[i]) continue;
         indices.push_back(i);
         pixels.push_back(out->pixels[i]);
       }
@@ -169,7 +190,8 @@ CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {
                                 static_cast<float>(first.thumbnail_scale));
 }
 
-KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig) {
+KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig,
+                                int first_corner) {
   KeyFrameView out;
   out.view = std::move(view);
   out.cameras.assign(keyframe.cameras.begin(), keyframe.cameras.end());
@@ -191,7 +213,7 @@ KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const
     out.directions[i] = ray.direction.cast<float>();
     out.point_jacobians[i] = jacobian.cast<float>();
   }
-  extract_keyframe_patches(&out);
+  extract_keyframe_patches(std::min(first_corner, keyframe.size()), &out);
   return out;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -114,8 +115,10 @@ inline Eigen::Vector3d point_on_ray(const KeyFrameView& keyframe, int feature, d
   return keyframe.origins[feature].cast<double>() + distance * keyframe.directions[feature].cast<double>();
 }
 
-// Views and rays of a key frame's features, in the map's order.
-KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig);
+// Views and rays of a key frame's features, in the map's order. Features from `first_corner` on are corners
+// of the view, in their order, whose patches it has.
+KeyFrameView make_keyframe_view(ViewPtr view, const MapKeyFrame& keyframe, const TrackingRig& rig,
+                                int first_corner = std::numeric_limits<int>::max());
 
 // The rays again, of cameras or scan offsets that are no longer those that it was made with.
 void renew_rays(const TrackingRig& rig, const MapKeyFrame& keyframe, KeyFrameView* view);

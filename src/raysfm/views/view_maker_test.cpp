@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstring>
+#include <memory>
 #include <utility>
 
 #include "support/texture.h"
@@ -74,6 +76,48 @@ TEST(ViewMaker, WhatIsDetectedIsLeftAlone) {
   view.cameras[0].features.pixels[0].setZero();
   maker.detect(&view);
   EXPECT_TRUE(view.cameras[0].features.pixels[0].isZero());
+}
+
+// Features of a key frame: some anywhere, then two of three corners of each camera, whose patches are those
+// of the view.
+TEST(KeyFrameView, CornersKeepTheirPatches) {
+  View seen;
+  const ViewMaker maker = three_cameras();
+  maker.look(pictures(), &seen);
+  maker.detect(&seen);
+  constexpr float kMarked = 42;
+  seen.cameras[1].patches.set_inverse_norm(4, kMarked);
+  Rig cameras;
+  MapKeyFrame keyframe;
+  for (uint8_t c = 0; c < 3; ++c) {
+    Camera& camera = cameras.cameras.emplace_back();
+    camera.width = seen.cameras[c].width, camera.height = kHeight;
+    camera.model = Radtan::from_parameters({100, 100, 0.5 * camera.width, 48, 0, 0, 0, 0, 0});
+    for (int i = 0; i < 5; ++i) keyframe.add(c, {30.3f + static_cast<float>(i), 40.6f}, 0, -1);
+  }
+  const int first_corner = keyframe.size();
+  int marked = -1;
+  for (uint8_t c = 0; c < 3; ++c) {
+    const Features& corners = seen.cameras[c].features;
+    for (int i = 0; i < corners.size(); ++i) {
+      if (c == 1 && i == 4) marked = keyframe.size();
+      if (i % 3 != 2) keyframe.add(c, corners.pixels[i], corners.octaves[i], -1);
+    }
+  }
+  const TrackingRig rig(cameras, ErrorMeasure::kPixel);
+  const ViewPtr view = std::make_shared<View>(std::move(seen));
+  const KeyFrameView known = make_keyframe_view(view, keyframe, rig, first_corner),
+                     anew = make_keyframe_view(view, keyframe, rig);
+  ASSERT_EQ(known.patches.size(), keyframe.size());
+  for (int f = 0; f < keyframe.size(); ++f) {
+    if (anew.patches.valid(f)) {
+      EXPECT_EQ(std::memcmp(known.patches.patch(f), anew.patches.patch(f), kPatchArea), 0) << f;
+    }
+    if (f != marked) {
+      EXPECT_EQ(known.patches.inverse_norm(f), anew.patches.inverse_norm(f)) << f;
+    }
+  }
+  EXPECT_EQ(known.patches.inverse_norm(marked), kMarked) << "taken from the view";
 }
 
 }  // namespace
