@@ -143,7 +143,11 @@ class InABrowser(ProgramTest):
         self.assertTrue(seen["barInView"])
 
     def test_words_and_colours(self):
-        seen = self.look("words", OUT / "report.html")
+        warnings = ["the lens is another one than that of <b>a & b</b>", "60 % of what frames 3 to 9 show does not stand still"]
+        html = DATA.sub(lambda found: found.group(1) + json.dumps(json.loads(found.group(2)) | {"warnings": warnings}).replace("<", "\\u003c") + found.group(3),
+                        (OUT / "report.html").read_text())
+        seen = self.look("words", self.file("warned.html", html))
+        self.assertEqual((seen["warnings"], seen["warningsAbove"]), (warnings, True))
         for theme in ("light", "dark"):
             for place, contrast in seen[theme].items():
                 self.assertGreaterEqual(contrast, 4.5, (theme, place))

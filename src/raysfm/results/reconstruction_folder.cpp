@@ -16,6 +16,7 @@
 #include "raysfm/results/observations_file.h"
 #include "raysfm/results/ply_file.h"
 #include "raysfm/results/report_cameras.h"
+#include "raysfm/results/report_fault.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/results/trajectory_file.h"
 
@@ -267,7 +268,7 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   try {
     return read_all(folder, Json::parse(*text));
   } catch (const Json::exception& e) {
-    return bad_input(fmt::format("{}: not the report of a run: {}", path.string(), e.what()));
+    return report_fault(path, *text, e);
   }
 }
 

@@ -316,8 +316,17 @@ TEST(ReconstructionFolder, DamagedFoldersAreNamed) {
   const Result<Reconstruction> of_a_file = read_reconstruction(folder.file("map.ply", "ply\n"));
   ASSERT_FALSE(of_a_file.ok());
   EXPECT_NE(of_a_file.error().message.find("map.ply: not a folder"), std::string::npos);
-  folder.file("report.json", "{}");
-  EXPECT_NE(message().find("not the report of a run"), std::string::npos);
+  for (const auto& [report, says] :
+       {std::pair("{\n \"command\": \"track\",\n \"seg", "line 3: no valid JSON"),
+        {"{}", "'command' is missing"},
+        {"{\"command\": 3}", "a value is of another kind"},
+        {"[]", "a value is of another kind"}}) {
+    folder.file("report.json", report);
+    EXPECT_EQ(message().find((folder.path() / "report.json").string() + ": not the report of a run: " + says),
+              0u)
+        << message();
+    EXPECT_EQ(message().find("exception"), std::string::npos) << message();
+  }
   ASSERT_TRUE(write_output_folder(uneven_reconstruction(1, false), {}, "", folder.path()).ok());
   EXPECT_EQ(message(), "");
   folder.file("points.ply", "ply\nelement vertex 3\nend_header\nshort");
