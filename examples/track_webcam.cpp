@@ -2,6 +2,7 @@
 #include <chrono>
 #include <cstdio>
 #include <opencv2/videoio.hpp>
+#include <utility>
 
 #include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
@@ -13,7 +14,7 @@ int main(int argc, char** argv) {
   if (!rig) return std::fprintf(stderr, "%s\n", rig.error().message.c_str()), 2;
   raysfm::TrackerOptions options;
   if (!raysfm::set_rolling_shutter("auto", &*rig, &options.odometry.calibration_prior)) return 2;
-  const auto tracker = raysfm::Tracker::create(*rig, options);
+  const auto tracker = raysfm::Tracker::create(*rig, std::move(options));
   if (!tracker) return std::fprintf(stderr, "%s\n", tracker.error().message.c_str()), 2;
 
   cv::VideoCapture video;

@@ -69,6 +69,15 @@ async function large() {
   }, [pictures, between, idle]);
   seen.slow = (await turn(120, 60)).slice(1);
   seen.movingSum = (await drawn()).sum;
+  // A hand that rests for a moment does not bring all of it, one that has let go does.
+  seen.resting = await page.evaluate(() => {
+    const { view } = window.page, counts = [];
+    for (const rested of [100, 200]) {
+      view.thin(window.clock + rested);
+      counts.push(view.points.geometry.drawRange.count);
+    }
+    return counts;
+  });
   await turn(40, 28);
   seen.steady = await turn(20, 28);
   seen.fast = await turn(200, 16);

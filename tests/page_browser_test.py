@@ -102,6 +102,8 @@ class InABrowser(ProgramTest):
         # The slower the machine, the less is drawn while the view moves, in steps that nobody sees.
         self.assertAlmostEqual(seen["slow"][-1], 8000, delta=1)
         self.assertEqual(seen["fast"][-1], POINTS)
+        self.assertLess(seen["resting"][0], POINTS / 4)
+        self.assertEqual(seen["resting"][1], POINTS)
         for before, after in zip(seen["slow"] + seen["fast"], (seen["slow"] + seen["fast"])[1:]):
             self.assertLess(abs(after - before), 0.08 * max(before, after), (before, after))
         # Between 32 and 40 pictures a second nothing changes.

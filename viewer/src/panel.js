@@ -9,7 +9,7 @@ export const TOGGLES = [
   ["closures", "O", "closures", "closure"], ["ellipsoids", "E", "90 % ellipsoids", "ellipsoid"], ["rays", "R", "rays of the camera"], ["grid", "G", "grid"],
 ];
 
-export const lengthOf = (world, x) => `${digits(x)} ${world.metric ? "m" : x === 1 ? "unit" : "units"}`;
+export const lengthOf = (world, x) => `${digits(x)} ${world.metric ? "m" : digits(x) === "1" ? "unit" : "units"}`;
 
 // Of all pieces between neighbouring frames.
 function pathLength({ pose, index, count }) {
