@@ -1,6 +1,8 @@
 # The program and its Python package on Debian 12: docker build -t raysfm .
 #   docker run --rm -v "$PWD:/data" raysfm track video.mp4 --camera camera.yaml --out out/
 FROM debian:bookworm AS build
+# What bundles the page of results.
+RUN apt-get update && apt-get install --yes --no-install-recommends npm
 COPY . /raysfm
 WORKDIR /raysfm
 RUN scripts/package

@@ -2,15 +2,19 @@
 #include <chrono>
 #include <cstdio>
 #include <opencv2/videoio.hpp>
+#include <utility>
 
+#include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
 #include "raysfm/odometry/tracker.h"
 
 int main(int argc, char** argv) {
   if (argc < 2) return std::fprintf(stderr, "usage: track_webcam CAMERA.yaml [VIDEO]\n"), 2;
-  const auto rig = raysfm::read_camera_file(argv[1]);
+  auto rig = raysfm::read_camera_file(argv[1]);
   if (!rig) return std::fprintf(stderr, "%s\n", rig.error().message.c_str()), 2;
-  const auto tracker = raysfm::Tracker::create(*rig, {});
+  raysfm::TrackerOptions options;
+  if (!raysfm::set_rolling_shutter("auto", &*rig, &options.odometry.calibration_prior)) return 2;
+  const auto tracker = raysfm::Tracker::create(*rig, std::move(options));
   if (!tracker) return std::fprintf(stderr, "%s\n", tracker.error().message.c_str()), 2;
 
   cv::VideoCapture video;

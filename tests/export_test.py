@@ -2,6 +2,7 @@
 which tell what they see, and compared with the map's own pixels in sparse/."""
 import json
 import pathlib
+import re
 import shutil
 import struct
 import subprocess
@@ -171,13 +172,22 @@ class Images(ExportTest):
                    source, "--quiet")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(run("track", source, "--out", out, "--quiet").returncode, 0)
-        # sparse/ cannot hold it, so that nothing in the result tells the camera.
+        # sparse/ cannot hold it: camera.yaml tells the camera, or, of older results, --camera.
+        told = out / "camera.yaml"
+        self.assertIn("camera.yaml", json.loads((out / "report.json").read_text())["files"])
+        self.refused("export", out, "--format", "colmap", "--out", self.folder / "no", says=["equirectangular", "--undistort"])
+        told.rename(self.folder / "told.yaml")
         self.refused("export", out, "--format", "colmap", "--out", self.folder / "no", says=["--camera"])
-        arguments = ["--camera", source / "camera.yaml"]
-        self.refused("export", out, "--format", "colmap", "--out", self.folder / "no", *arguments,
-                     says=["equirectangular", "--undistort"])
         self.assertFalse((self.folder / "no").exists())
-        cube = self.export("--format", "colmap", "--undistort", "--images", source, *arguments, source=out)
+        arguments = ["--camera", source / "camera.yaml"]
+        given = contents(self.export("--format", "colmap", "--undistort", "--images", source, *arguments, source=out))
+        (self.folder / "told.yaml").rename(told)
+        cube = self.export("--format", "colmap", "--undistort", "--images", source, source=out)
+        self.assertEqual([name for name, content in contents(cube).items() if given.get(name) != content], [])
+        page = self.folder / "page.html"
+        self.assertEqual(run("view", out, "--html", page).returncode, 0)
+        camera = json.loads(re.search(r'id="data">(.*?)</script>', page.read_text()).group(1))["cameras"][0]
+        self.assertEqual((camera["size"], len(camera["directions"])), ([640, 320], 24))
         names = set(read_images_bin(cube / "sparse/0/images.bin"))
         self.assertEqual({name.split("/")[0] for name in names}, {"front", "right", "back", "left", "down", "up"})
         self.assertEqual(names, {str(p.relative_to(cube / "images")) for p in (cube / "images").rglob("*.png")})
@@ -187,7 +197,7 @@ class Images(ExportTest):
         report = json.loads((out / "report.json").read_text())
         seen = sum(map(len, read_images_bin(cube / "sparse/0/images.bin").values()))
         self.assertGreater(seen, 0.9 * report["observations"])
-        self.assertIn("mesh.jpg", contents(self.export("--format", "mesh", "--world", 0, *arguments, source=out)))
+        self.assertIn("mesh.jpg", contents(self.export("--format", "mesh", "--world", 0, source=out)))
 
 
 class Folders(ExportTest):

@@ -69,6 +69,15 @@ async function large() {
   }, [pictures, between, idle]);
   seen.slow = (await turn(120, 60)).slice(1);
   seen.movingSum = (await drawn()).sum;
+  // A hand that rests for a moment does not bring all of it, one that has let go does.
+  seen.resting = await page.evaluate(() => {
+    const { view } = window.page, counts = [];
+    for (const rested of [100, 200]) {
+      view.thin(window.clock + rested);
+      counts.push(view.points.geometry.drawRange.count);
+    }
+    return counts;
+  });
   await turn(40, 28);
   seen.steady = await turn(20, 28);
   seen.fast = await turn(200, 16);
@@ -168,7 +177,7 @@ const contrasts = () => page.evaluate(() => {
     }
     return [255, 255, 255];
   };
-  const places = ["#side h1", "#side h2", "dt", "dd", ".switches span", "kbd", ".buttons button", ".frames b", ".frames button", ".plot h3 span", "#stages output", "#now", "#play", "button.on", "button.on kbd"];
+  const places = ["#side h1", "#warnings li", "#side h2", "dt", "dd", ".switches span", "kbd", ".buttons button", ".frames b", ".frames button", ".plot h3 span", "#stages output", "#now", "#play", "button.on", "button.on kbd"];
   return Object.fromEntries(places.map((place) => {
     const e = document.querySelector(place), [a, b] = [light(numbers(getComputedStyle(e).color)), light(behind(e))];
     return [place, (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05)];
@@ -183,6 +192,8 @@ async function words() {
   await page.keyboard.press("t");
   seen.dark = await contrasts();
   await page.keyboard.press("f");
+  seen.warnings = await page.locator("#warnings li").allTextContents();
+  seen.warningsAbove = await page.evaluate(() => document.querySelector("#warnings").getBoundingClientRect().top < document.querySelector("dl").getBoundingClientRect().top);
   seen.switches = await page.locator(".switches input + span").allTextContents();
   seen.grid = await page.textContent("#show-grid + span");
   if (!(await page.evaluate(() => window.page.view.byHeight))) await page.keyboard.press("k");

@@ -102,6 +102,8 @@ class InABrowser(ProgramTest):
         # The slower the machine, the less is drawn while the view moves, in steps that nobody sees.
         self.assertAlmostEqual(seen["slow"][-1], 8000, delta=1)
         self.assertEqual(seen["fast"][-1], POINTS)
+        self.assertLess(seen["resting"][0], POINTS / 4)
+        self.assertEqual(seen["resting"][1], POINTS)
         for before, after in zip(seen["slow"] + seen["fast"], (seen["slow"] + seen["fast"])[1:]):
             self.assertLess(abs(after - before), 0.08 * max(before, after), (before, after))
         # Between 32 and 40 pictures a second nothing changes.
@@ -143,7 +145,11 @@ class InABrowser(ProgramTest):
         self.assertTrue(seen["barInView"])
 
     def test_words_and_colours(self):
-        seen = self.look("words", OUT / "report.html")
+        warnings = ["the lens is another one than that of <b>a & b</b>", "60 % of what frames 3 to 9 show does not stand still"]
+        html = DATA.sub(lambda found: found.group(1) + json.dumps(json.loads(found.group(2)) | {"warnings": warnings}).replace("<", "\\u003c") + found.group(3),
+                        (OUT / "report.html").read_text())
+        seen = self.look("words", self.file("warned.html", html))
+        self.assertEqual((seen["warnings"], seen["warningsAbove"]), (warnings, True))
         for theme in ("light", "dark"):
             for place, contrast in seen[theme].items():
                 self.assertGreaterEqual(contrast, 4.5, (theme, place))

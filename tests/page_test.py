@@ -68,7 +68,7 @@ class Page(ProgramTest):
         self.assertEqual(run("view", OUT, "--html", page).returncode, 0)
         found = [json.loads(re.search(r'id="data">(.*?)</script>', path.read_text()).group(1))
                  for path in (page, OUT / "report.html")]
-        self.assertEqual(found[0]["title"], "out")
+        self.assertEqual([data["title"] for data in found], [f"{NAME} \u00b7 out", NAME])
         index = [struct.unpack(f"<{w['frames']['count']}I", base64.b64decode(w["frames"]["index"]))
                  for f in found for w in f["worlds"][:1]]
         self.assertEqual(index[0], index[1])

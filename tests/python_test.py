@@ -309,19 +309,24 @@ class Tracker(PythonTest):
 
     @unittest.skipUnless((SHARED / "redkitchen-handheld").is_dir(), "no shared data")
     def test_the_kitchen_gives_the_same_bytes(self):
-        kitchen = self.folder / "kitchen"
-        (kitchen / "images").mkdir(parents=True)
+        """All of it, as its rolling shutter is found late; and what is told of one."""
         source = SHARED / "redkitchen-handheld"
-        shutil.copy(source / "camera.yaml", kitchen)
-        (kitchen / "times.txt").write_text("".join((source / "times.txt").read_text().splitlines(True)[:80]))
-        for path in sorted((source / "images").iterdir())[:80]:
-            (kitchen / "images" / path.name).symlink_to(path)
-        self.assertEqual(run("track", kitchen, "--out", self.folder / "program", "--quiet").returncode, 0)
-        tracker = raysfm.Tracker(raysfm.load_cameras(kitchen / "camera.yaml"))
-        for view in tracker.views(kitchen):
-            tracker.push(view)
-        tracker.finish().write(self.folder / "pushed")
-        self.assert_same_files(self.folder / "program", self.folder / "pushed")
+        for frames, flags, options in ((420, [], {}), (80, ["--rolling-shutter", 25], {"rolling_shutter": "25"}),
+                                       (80, ["--rolling-shutter", "none"], {"rolling_shutter": "none"})):
+            kitchen = self.folder / f"kitchen {frames} {options}"
+            (kitchen / "images").mkdir(parents=True)
+            shutil.copy(source / "camera.yaml", kitchen)
+            (kitchen / "times.txt").write_text("".join((source / "times.txt").read_text().splitlines(True)[:frames]))
+            for path in sorted((source / "images").iterdir())[:frames]:
+                (kitchen / "images" / path.name).symlink_to(path)
+            done = run("track", kitchen, "--out", kitchen / "program", "--quiet", *flags)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            tracker = raysfm.Tracker(raysfm.load_cameras(kitchen / "camera.yaml"), **options)
+            for view in tracker.views(kitchen):
+                tracker.push(view)
+            tracker.finish().write(kitchen / "pushed")
+            self.assert_same_files(kitchen / "program", kitchen / "pushed")
+        self.says(raysfm.BadInputError, "rolling-shutter = 'slow'", raysfm.Tracker, raysfm.load_cameras(source / "camera.yaml"), rolling_shutter="slow")
 
     def test_wrong_images(self):
         tracker = raysfm.Tracker(raysfm.load_cameras(STREET / "camera.yaml"))

@@ -161,8 +161,7 @@ void LiveView::say(const std::string& state) {
 
 void LiveView::finish(const Reconstruction& result, const Report& report) {
   std::unique_lock lock(mutex_);
-  offer(std::make_shared<const Reconstruction>(result),
-        {.title = info_.title, .stages = stage_times(report), .pictures = 0, .live = {}});
+  offer(std::make_shared<const Reconstruction>(result), page_info(report));
   state_ = "the run has ended";
   trouble_.clear();
   over_ = true;

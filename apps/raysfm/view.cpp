@@ -49,11 +49,9 @@ Result<int> write_html(const ViewArguments& arguments, const CommonOptions& comm
   if (!result) return result.error();
   Result<std::optional<PageMesh>> mesh = mesh_of(arguments, common);
   if (!mesh) return mesh.error();
-  const Result<std::string> html = page_html(*result,
-                                             {.title = title_of({arguments.result}),
-                                              .stages = read_stage_times(arguments.result),
-                                              .mesh = *std::move(mesh)},
-                                             false);
+  PageInfo info = read_page_info(arguments.result);
+  info.mesh = *std::move(mesh);
+  const Result<std::string> html = page_html(*result, info, false);
   if (!html) return html.error();
   if (auto r = write_file(arguments.html, *html); !r) return r.error();
   if (!common.quiet) std::printf("written to %s; open it in a browser\n", arguments.html.c_str());
@@ -92,7 +90,7 @@ Result<int> serve(const ViewArguments& arguments, const CommonOptions& common) {
   const StopSignals stop;
   ServedResult served(*std::move(result),
                       arguments.images.empty() ? inputs_of_result(arguments.result) : arguments.images);
-  served.info = {.title = title_of({arguments.result}), .stages = read_stage_times(arguments.result)};
+  served.info = read_page_info(arguments.result);
   Result<std::optional<PageMesh>> mesh = mesh_of(arguments, common);
   if (!mesh) return mesh.error();
   served.info.mesh = *std::move(mesh);

@@ -157,10 +157,12 @@ class PyTracker {
   }
 
  public:
-  PyTracker(const Rig& rig, const py::object& masks, const std::string& channels, const py::kwargs& given)
+  PyTracker(Rig rig, const py::object& masks, const std::string& channels, const py::kwargs& given)
       : order_(order_of(channels)) {
     set_settings("Tracker", given, tracker_fields());
     TrackerOptions options{unwrap(odometry_options(settings_)), masks_of(rig, masks)};
+    CalibrationPrior& prior = options.odometry.calibration_prior;
+    unwrap(set_rolling_shutter(settings_.rolling_shutter, &rig, &prior));
     const py::gil_scoped_release without_lock;
     tracker_ = created(rig, std::move(options));
   }
@@ -333,7 +335,7 @@ void bind_tracker(py::module_& module) {
       .def("__next__", &next_view);
   py::class_<PyTracker, std::shared_ptr<PyTracker>>(
       module, "Tracker", "Poses of a calibrated rig, frame by frame: the pose is there when push() returns.")
-      .def(py::init<const Rig&, const py::object&, const std::string&, const py::kwargs&>(), py::arg("rig"),
+      .def(py::init<Rig, const py::object&, const std::string&, const py::kwargs&>(), py::arg("rig"),
            py::kw_only(), py::arg("masks") = py::none(), py::arg("channels") = "rgb",
            "`masks`: for each camera an array, 255 where a pixel sees the scene, or None; those that the "
            "cameras "

@@ -9,7 +9,7 @@ export const TOGGLES = [
   ["closures", "O", "closures", "closure"], ["ellipsoids", "E", "90 % ellipsoids", "ellipsoid"], ["rays", "R", "rays of the camera"], ["grid", "G", "grid"],
 ];
 
-export const lengthOf = (world, x) => `${digits(x)} ${world.metric ? "m" : x === 1 ? "unit" : "units"}`;
+export const lengthOf = (world, x) => `${digits(x)} ${world.metric ? "m" : digits(x) === "1" ? "unit" : "units"}`;
 
 // Of all pieces between neighbouring frames.
 function pathLength({ pose, index, count }) {
@@ -39,6 +39,9 @@ function facts(data, world) {
   if (data.lenses.length > 1) rows.push(["lenses", counted(data.lenses.length)]);
   return element("dl", {}, ...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
 }
+
+// What the run as a whole says against its path, before anything that looks well.
+const warnings = (data) => (data.warnings.length ? [element("ul", { id: "warnings", ariaLabel: "warnings" }, ...data.warnings.map((text) => element("li", { textContent: text })))] : []);
 
 // Those of which there is something to show.
 const isThere = ({ data, world, view }) => ({ surface: Boolean(view.surface), closures: !view.closures.empty, ellipsoids: world.covariance.some((c) => c > 0),
@@ -105,6 +108,7 @@ export function panel(page) {
   const { data, world, number, acts } = page;
   return [
     element("h1", { textContent: data.title, title: data.title }),
+    ...warnings(data),
     ...(data.worlds.length > 1 ? [worldChooser(data, number, acts.showWorld)] : []),
     facts(data, world),
     switches(page),

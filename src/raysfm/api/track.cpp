@@ -80,19 +80,6 @@ Rig cameras_in_use(Rig rig, const TrackSettings& settings) {
   return rig;
 }
 
-// What the user says of the shutters; else the camera file's word stands.
-Result<void> set_shutters(const std::string& told, Rig* rig) {
-  constexpr double kMostMs = 1000;
-  if (told == "auto") return {};
-  const std::optional<double> ms = told == "none" ? 0 : parse_number(told);
-  if (!ms || !(*ms >= 0 && *ms <= kMostMs)) {
-    return bad_input(
-        fmt::format("--rolling-shutter = '{}': must be auto, none or 0 to {} milliseconds", told, kMostMs));
-  }
-  for (Camera& camera : rig->cameras) camera.shutter.readout = *ms / 1000;
-  return {};
-}
-
 // Where the camera sees the scene, as the user says.
 Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
   std::filesystem::path path = camera.mask_path;
@@ -188,11 +175,8 @@ Result<Sources> open_sources(const TrackSettings& settings, const std::optional<
       found ? sources_with_lens(settings, *found) : sources_of_cameras(settings, known, callbacks);
   if (!opened) return opened;
   Sources& sources = *opened;
-  if (auto r = set_shutters(settings.rolling_shutter, &sources.rig); !r) return r.error();
-  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
-  if (settings.rolling_shutter == "auto" && std::ranges::none_of(sources.rig.cameras, scans)) {
-    sources.prior.readout = kUsualReadout;
-  }
+  if (auto r = set_rolling_shutter(settings.rolling_shutter, &sources.rig, &sources.prior); !r)
+    return r.error();
   for (const std::string& warning : place_warnings(sources.rig)) tell(event, Event::Level::kWarning, warning);
   for (const Camera& camera : sources.rig.cameras) {
     Result<GrayImage> mask = mask_of(camera, sources.input);
@@ -590,6 +574,22 @@ Result<OdometryOptions> odometry_options(const TrackSettings& given) {
   if (auto r = choose_methods(&settings); !r) return r.error();
   settings.odometry.starts_worlds = !settings.localise;
   return settings.odometry;
+}
+
+Result<void> set_rolling_shutter(const std::string& told, Rig* rig, CalibrationPrior* prior) {
+  constexpr double kMostMs = 1000;
+  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
+  if (told == "auto") {
+    if (std::ranges::none_of(rig->cameras, scans)) prior->readout = kUsualReadout;
+    return {};
+  }
+  const std::optional<double> ms = told == "none" ? 0 : parse_number(told);
+  if (!ms || !(*ms >= 0 && *ms <= kMostMs)) {
+    return bad_input(
+        fmt::format("--rolling-shutter = '{}': must be auto, none or 0 to {} milliseconds", told, kMostMs));
+  }
+  for (Camera& camera : rig->cameras) camera.shutter.readout = *ms / 1000;
+  return {};
 }
 
 Report tracker_report(const TrackSettings& settings, const Tracker& tracker) {

@@ -77,6 +77,11 @@ Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& c
 // What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
 Result<OdometryOptions> odometry_options(const TrackSettings& settings);
 
+// What TrackSettings::rolling_shutter says to a tracker that somebody else feeds: the readouts of the cameras
+// of `rig`, and with "auto", where none of them has one, in `prior` that there may be one to be found.
+// Errors: bad input.
+Result<void> set_rolling_shutter(const std::string& told, Rig* rig, CalibrationPrior* prior);
+
 // What a report says of the cameras and of the stages of a tracker that was told so.
 Report tracker_report(const TrackSettings& settings, const Tracker& tracker);
 

@@ -8,6 +8,7 @@
 #include "raysfm/api/solve_result.h"
 #include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
+#include "raysfm/camera_files/colmap_camera.h"
 #include "raysfm/core/paged_memory.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/results/output_folder.h"
@@ -36,18 +37,26 @@ std::string origin_comment(const TrackResult& result) {
   return text;
 }
 
-// What tells the lenses of frames that have their own, else the camera file as refined or found: of another
-// name where the given one lies in the same folder.
+// Whether sparse/ tells the cameras.
+bool colmap_has(const Rig& rig) {
+  return std::ranges::all_of(rig.cameras, [](const Camera& c) { return colmap_camera(c.model).has_value(); });
+}
+
+// What tells the lenses of frames that have their own, else the camera file: as refined or found, or as given
+// where nothing else in the result tells it. The first has another name where the given one lies in the same
+// folder.
 std::vector<ResultFile> lens_files(const TrackResult& result, const TrackSettings& settings,
                                    const std::filesystem::path& out) {
   const Reconstruction& r = result.reconstruction;
   if (r.origin == Origin::kSolve) return lens_plot(r);
   const auto is_refined = [](const CalibrationNumber& n) { return n.refined != n.given; };
   const std::string comment = origin_comment(result);
-  if (comment.empty() && std::ranges::none_of(r.calibration, is_refined)) return {};
+  const bool is_given = comment.empty() && std::ranges::none_of(r.calibration, is_refined);
+  if (is_given && colmap_has(r.rig)) return {};
   std::vector<std::string> given = {settings.camera};
   for (const std::string& input : settings.inputs) given.push_back(input + "/camera.yaml");
   const Result<void> is_free = check_not_input("--out", out / "camera.yaml", given);
+  if (is_given && !is_free) return {};
   return {{is_free ? "camera.yaml" : "camera-refined.yaml", [&r, comment](const auto& path) {
              return write_file(path, comment + format_camera_file(r.rig));
            }}};

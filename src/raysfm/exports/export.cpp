@@ -21,6 +21,7 @@
 #include "raysfm/results/output_folder.h"
 #include "raysfm/results/reconstruction_folder.h"
 #include "raysfm/results/report_cameras.h"
+#include "raysfm/results/report_fault.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/worlds.h"
 
@@ -112,7 +113,7 @@ Result<void> complete_rig(const ExportSettings& settings, const Rig& file, Recon
     }
     read_rig_json(report, &r->rig);
   } catch (const Json::exception& e) {
-    return bad_input(fmt::format("{}: not the report of a run: {}", path.string(), e.what()));
+    return report_fault(path, *text, e);
   }
   return {};
 }

@@ -67,8 +67,7 @@ Result<std::string> page_html(const Reconstruction& reconstruction, const PageIn
 
 Result<void> write_page(const Reconstruction& reconstruction, const Report& report,
                         const std::filesystem::path& path) {
-  const PageInfo info = {.title = title_of(report.input), .stages = stage_times(report)};
-  const Result<std::string> html = page_html(reconstruction, info, false);
+  const Result<std::string> html = page_html(reconstruction, page_info(report), false);
   if (!html) return html.error();
   return write_file(path, *html);
 }

@@ -308,6 +308,7 @@ std::string page_data(const Reconstruction& r, const PageInfo& info) {
   json["held"] = held_json(r);
   json["closures"] = closures_json(r);
   json["stages"] = stages_json(info);
+  json["warnings"] = info.warnings;
   if (info.mesh) json["mesh"] = mesh_json(*info.mesh);
   std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
   for (size_t at = text.find('<'); at != text.npos; at = text.find('<', at)) text.replace(at, 1, "\\u003c");

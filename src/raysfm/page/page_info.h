@@ -18,12 +18,6 @@ struct StageTime {
   int64_t count = 0;
 };
 
-// Those of a report, in its order.
-std::vector<StageTime> stage_times(const Report& report);
-
-// The same of the report.json of a finished result; none where that cannot be read, or is an older one.
-std::vector<StageTime> read_stage_times(const std::filesystem::path& folder);
-
 // Where a run under way was when its reconstruction was looked at.
 struct LiveInfo {
   int frame = -1;  // the newest with a pose; -1: none
@@ -37,9 +31,17 @@ std::string title_of(const std::vector<std::string>& inputs);
 struct PageInfo {
   std::string title = {};  // may hold anything
   std::vector<StageTime> stages = {};
-  int pictures = 0;                   // cameras whose pictures the server of the page has; 0: of none
-  std::optional<LiveInfo> live = {};  // of a run under way
-  std::optional<PageMesh> mesh = {};  // the surface of a world
+  std::vector<std::string> warnings = {};  // of the run as a whole
+  int pictures = 0;                        // cameras whose pictures the server of the page has; 0: of none
+  std::optional<LiveInfo> live = {};       // of a run under way
+  std::optional<PageMesh> mesh = {};       // the surface of a world
 };
+
+// What a report says: named after what was reconstructed.
+PageInfo page_info(const Report& report);
+
+// The same of a finished result, named after its folder too. Where its report.json cannot be read, or is an
+// older one, some of it is missing.
+PageInfo read_page_info(const std::filesystem::path& folder);
 
 }  // namespace raysfm

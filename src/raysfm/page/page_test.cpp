@@ -151,22 +151,40 @@ TEST(Page, ClosuresSigmasAndTimes) {
   EXPECT_FALSE(lenses[4].contains("sigma"));
 }
 
-TEST(Page, TimesOfStagesComeBackFromTheReport) {
+TEST(Page, WhatTheReportSaysComesBack) {
   const TemporaryFolder temporary;
   Report report;
+  report.input = {"somewhere/street.mp4"};
+  report.warnings = {"the lens is another one", "<b>"};
   StageTiming detect;
   detect.add(1);
   detect.add(4);
   report.stages = {{"detect", detect}, {"pose", {}}};
   ASSERT_TRUE(write_report(small_reconstruction({kPinhole}), report, temporary.path() / "report.json").ok());
-  for (const std::vector<StageTime>& times : {stage_times(report), read_stage_times(temporary.path())}) {
+  const std::string folder = temporary.path().filename().string();
+  EXPECT_EQ(page_info(report).title, "street.mp4");
+  EXPECT_EQ(read_page_info(temporary.path()).title, "street.mp4 · " + folder);
+  for (const PageInfo& info : {page_info(report), read_page_info(temporary.path())}) {
+    EXPECT_EQ(info.warnings, report.warnings);
+    const json data = json::parse(page_data(small_reconstruction({kPinhole}), info));
+    EXPECT_EQ(data["warnings"], json(report.warnings));
+    const std::vector<StageTime>& times = info.stages;
     ASSERT_EQ(times.size(), 2u);
     EXPECT_EQ(times[0].name, "detect");
     EXPECT_EQ(times[0].mean_ms, 2.5);
     EXPECT_EQ(times[0].max_ms, 4);
     EXPECT_EQ(times[0].count, 2);
   }
-  EXPECT_TRUE(read_stage_times(temporary.path() / "no").empty());
+  // Of what is no report, or an old one, what there is.
+  EXPECT_TRUE(read_page_info(temporary.path() / "no").stages.empty());
+  for (const char* text : {"{", "[]", R"({"timing": 3, "warnings": {"a": 1}, "input": "x"})"}) {
+    temporary.file("report.json", text);
+    const PageInfo info = read_page_info(temporary.path());
+    EXPECT_TRUE(info.stages.empty() && info.warnings.empty()) << text;
+  }
+  // A sequence that was tracked into its own folder is named once.
+  temporary.file("report.json", json{{"input", {temporary.path().string()}}}.dump());
+  EXPECT_EQ(read_page_info(temporary.path()).title, folder);
 }
 
 TEST(Page, OnlyAServedPageMayAsk) {

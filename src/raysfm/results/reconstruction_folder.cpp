@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/colmap_bal/bal_file.h"
 #include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/colmap_bal/model_reconstruction.h"
@@ -16,6 +17,7 @@
 #include "raysfm/results/observations_file.h"
 #include "raysfm/results/ply_file.h"
 #include "raysfm/results/report_cameras.h"
+#include "raysfm/results/report_fault.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/results/trajectory_file.h"
 
@@ -151,6 +153,26 @@ size_t cameras_of_frame(const Reconstruction& r, const ColmapModel& model) {
   return r.origin == Origin::kSolve ? 1 : model.cameras.size();
 }
 
+// The same of cameras that COLMAP lacks, from the camera file in the folder; none where that is not theirs.
+void read_models(const fs::path& folder, const Json& report, Rig* rig) {
+  const fs::path path = folder / "camera.yaml";
+  std::error_code missing;
+  if (!report.contains("rig") || !fs::is_regular_file(path, missing)) return;
+  const Result<Rig> file = read_camera_file(path);
+  const Json& told = report["rig"];
+  if (!file || file->cameras.size() < told.size()) return;
+  std::vector<Camera> cameras;
+  for (size_t c = 0; c < told.size(); ++c) {
+    const Camera& camera = cameras.emplace_back(file->cameras[c]);
+    const Json& size = told[c].at("resolution");
+    if (model_name(camera.model) != told[c].at("model") || camera.width != size.at(0) ||
+        camera.height != size.at(1)) {
+      return;
+    }
+  }
+  rig->cameras = std::move(cameras);
+}
+
 void read_observations(const ColmapModel& model, const std::vector<int>& frames, int first_point,
                        Reconstruction* r) {
   const size_t cameras = cameras_of_frame(*r, model);
@@ -235,6 +257,7 @@ Result<Reconstruction> read_worlds(const fs::path& folder, const Json& report) {
     if (auto read = read_map(path, segment, &r); !read) return read.error();
   }
   if (r.origin == Origin::kTrack) {
+    if (r.rig.cameras.empty()) read_models(folder, report, &r.rig);
     read_rig_json(report, &r.rig);
     read_calibration(report, &r);
     read_closures(report, &r);
@@ -267,7 +290,7 @@ Result<Reconstruction> read_reconstruction(const fs::path& folder) {
   try {
     return read_all(folder, Json::parse(*text));
   } catch (const Json::exception& e) {
-    return bad_input(fmt::format("{}: not the report of a run: {}", path.string(), e.what()));
+    return report_fault(path, *text, e);
   }
 }
 

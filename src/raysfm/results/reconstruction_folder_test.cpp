@@ -8,6 +8,7 @@
 #include <string>
 #include <tuple>
 
+#include "raysfm/camera_files/camera_file.h"
 #include "raysfm/colmap_bal/colmap_file.h"
 #include "raysfm/colmap_bal/model_reconstruction.h"
 #include "raysfm/files/staged_folder.h"
@@ -202,7 +203,7 @@ TEST(ReconstructionFolder, ReadsBackWhatTrackWrote) {
   }
 }
 
-// The models stay unknown, who sees what does not.
+// The models are those of the camera file, if it is theirs; who sees what is known anyway.
 TEST(ReconstructionFolder, ReadsBackWhoSeesWhatOfCamerasThatColmapLacks) {
   for (const bool two_worlds : {false, true}) {
     Reconstruction r = uneven_reconstruction(2, two_worlds);
@@ -213,6 +214,26 @@ TEST(ReconstructionFolder, ReadsBackWhoSeesWhatOfCamerasThatColmapLacks) {
     ASSERT_TRUE(result.ok()) << result.error().message;
     const Reconstruction& read = *result;
     EXPECT_TRUE(read.rig.cameras.empty());
+    Rig other = r.rig, larger = r.rig, one = r.rig;
+    other.cameras[1].model = Pinhole{100, 100, 319.5, 239.5};
+    larger.cameras[0].width = 641;
+    one.cameras.resize(1);
+    for (const Rig& rig : {other, larger, one}) {
+      ASSERT_TRUE(write_camera_file(rig, folder.path() / "camera.yaml").ok());
+      const Result<Reconstruction> without = read_reconstruction(folder.path());
+      EXPECT_TRUE(without.ok() && without->rig.cameras.empty());
+    }
+    folder.file("camera.yaml", "no camera file");
+    EXPECT_TRUE(read_reconstruction(folder.path()).ok());
+    other = r.rig;
+    other.cameras[0].name = "as the report has it";
+    other.cameras[0].rig_from_cam.translation.x() += 1;
+    ASSERT_TRUE(write_camera_file(other, folder.path() / "camera.yaml").ok());
+    const Result<Reconstruction> with = read_reconstruction(folder.path());
+    ASSERT_TRUE(with.ok() && with->rig.cameras.size() == 2);
+    EXPECT_EQ(std::get<Equirectangular>(with->rig.cameras[1].model).cx, 319.5);
+    EXPECT_EQ(with->rig.cameras[0].name, r.rig.cameras[0].name);
+    EXPECT_EQ(with->rig.cameras[0].rig_from_cam.translation, r.rig.cameras[0].rig_from_cam.translation);
     ASSERT_EQ(read.keyframes.size(), r.keyframes.size());
     for (size_t k = 0; k < r.keyframes.size(); ++k) {
       EXPECT_EQ(read.keyframes[k].first_observation, r.keyframes[k].first_observation);
@@ -316,8 +337,17 @@ TEST(ReconstructionFolder, DamagedFoldersAreNamed) {
   const Result<Reconstruction> of_a_file = read_reconstruction(folder.file("map.ply", "ply\n"));
   ASSERT_FALSE(of_a_file.ok());
   EXPECT_NE(of_a_file.error().message.find("map.ply: not a folder"), std::string::npos);
-  folder.file("report.json", "{}");
-  EXPECT_NE(message().find("not the report of a run"), std::string::npos);
+  for (const auto& [report, says] :
+       {std::pair("{\n \"command\": \"track\",\n \"seg", "line 3: no valid JSON"),
+        {"{}", "'command' is missing"},
+        {"{\"command\": 3}", "a value is of another kind"},
+        {"[]", "a value is of another kind"}}) {
+    folder.file("report.json", report);
+    EXPECT_EQ(message().find((folder.path() / "report.json").string() + ": not the report of a run: " + says),
+              0u)
+        << message();
+    EXPECT_EQ(message().find("exception"), std::string::npos) << message();
+  }
   ASSERT_TRUE(write_output_folder(uneven_reconstruction(1, false), {}, "", folder.path()).ok());
   EXPECT_EQ(message(), "");
   folder.file("points.ply", "ply\nelement vertex 3\nend_header\nshort");
