@@ -40,9 +40,19 @@ function(raysfm_add_library folder)
     add_executable(${folder}_test ${tests})
     target_link_libraries(${folder}_test PRIVATE ${target} ${ARG_TEST_DEPENDS} raysfm_test_support GTest::gtest_main)
     raysfm_compile_options(${folder}_test)
-    gtest_discover_tests(${folder}_test TEST_PREFIX "${folder}/" DISCOVERY_TIMEOUT 60
-                         PROPERTIES TIMEOUT 600)
+    raysfm_register_suites(${folder}_test ${folder})
   endif()
+endfunction()
+
+# The suites of a GoogleTest program as tests PREFIX/suite, known once it is built.
+function(raysfm_register_suites target prefix)
+  set(suites ${CMAKE_CURRENT_BINARY_DIR}/${target}_suites.cmake)
+  add_custom_command(TARGET ${target} POST_BUILD VERBATIM
+    COMMAND ${CMAKE_COMMAND} -D PROGRAM=$<TARGET_FILE:${target}> -D PREFIX=${prefix} -D OUT=${suites}
+            -P ${PROJECT_SOURCE_DIR}/cmake/TestSuites.cmake)
+  file(WRITE ${CMAKE_CURRENT_BINARY_DIR}/${target}_tests.cmake
+    "if(EXISTS \"${suites}\")\n  include(\"${suites}\")\nelse()\n  add_test(${prefix}_NOT_BUILT ${prefix}_NOT_BUILT)\nendif()\n")
+  set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES ${CMAKE_CURRENT_BINARY_DIR}/${target}_tests.cmake)
 endfunction()
 
 # raysfm_loads(FOLDER part...): who links the folder's library links these parts of it too, but for a program that sets

@@ -464,8 +464,21 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
   return best;
 }
 
+// The newest posed view becomes a key frame; `next` is where the rig is now, null: not known.
+double Odometry::promote_previous(const Rigid3* next) {
+  previous_->view = detected(previous_->view);
+  if (rig_.scans()) {
+    previous_->pose.velocity = velocity_of(previous_->view->frame, previous_->pose.rig_from_world, next);
+  }
+  return promote(previous_->view, previous_->pose, Adjusting::kNow);
+}
+
 void Odometry::track(ViewPtr view) {
   Localisation pose = localise(&view);
+  if (!believable(pose) && previous_may_help()) {
+    promote_previous(nullptr);
+    pose = localise(&view);
+  }
   if (!believable(pose)) {
     lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
                                      pose.matched_with_anchor, pose.visible_in_anchor)
@@ -474,14 +487,9 @@ void Odometry::track(ViewPtr view) {
   }
   follow_scan(*view, &pose);
   const bool needed = needs_keyframe(pose);
-  if (needed && is_due(previous_->pose) && segment().map.keyframes.back().frame != previous_->view->frame) {
+  if (needed && previous_is_due()) {
     Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
-    previous_->view = detected(previous_->view);
-    if (rig_.scans()) {
-      previous_->pose.velocity =
-          velocity_of(previous_->view->frame, previous_->pose.rig_from_world, &pose.rig_from_world);
-    }
-    step.translation *= promote(previous_->view, previous_->pose, Adjusting::kNow);
+    step.translation *= promote_previous(&pose.rig_from_world);
     const Rigid3 predicted = step * previous_->pose.rig_from_world;
     pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
     if (!convincing(pose)) pose = localise(&view);
@@ -504,6 +512,15 @@ void Odometry::track(ViewPtr view) {
 bool Odometry::is_due(const Localisation& pose) {
   return !pose.is_blurred() || !convincing(pose) ||
          pose.visible_in_anchor < kMostlyInSight * pose.anchor_points;
+}
+
+bool Odometry::previous_is_due() const {
+  return is_due(previous_->pose) && segment().map.keyframes.back().frame != previous_->view->frame;
+}
+
+// Where track was found again the anchor may be an old key frame, which saw much that is hidden now.
+bool Odometry::previous_may_help() const {
+  return previous_is_due() && needs_keyframe(previous_->pose);
 }
 
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {

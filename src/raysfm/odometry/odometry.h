@@ -210,6 +210,9 @@ class Odometry {
   void begin_turn();
   bool turn_on_the_spot(const ViewPtr& view);
   static bool is_due(const Localisation& pose);
+  bool previous_is_due() const;
+  bool previous_may_help() const;
+  double promote_previous(const Rigid3* next);
   bool relocalise(const ViewPtr& view);
   bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
   bool recall(const ViewPtr& view);

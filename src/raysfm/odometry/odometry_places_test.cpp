@@ -339,6 +339,21 @@ TEST(OdometryPlaces, AStateThatIsNotWholeIsRefused) {
   EXPECT_FALSE(is_read(broken.state));
 }
 
+// After a jump the view shows less than a third of what the key frame that it was found by had seen.
+TEST(OdometryPlaces, TrackThatWasFoundAgainGoesOn) {
+  for (const int jump : {3, 5, 7, 9}) {
+    SCOPED_TRACE(jump);
+    Film film;
+    film.add(quick_round(), 4, 44);
+    film.add_black(2);
+    film.add(quick_round(), 44 + jump, 64 + jump);
+    const Reconstruction r = run(film, without_loops());
+    ASSERT_EQ(r.segments.size(), 1u);
+    expect_posed_where_it_sees(r, film);
+    EXPECT_LT(error_of(r, film).percent_of_path(), 0.3);
+  }
+}
+
 // Along a corridor with a label over a sixth of every image, or of those from a frame on.
 Film labelled_corridor(int first) {
   Film film;

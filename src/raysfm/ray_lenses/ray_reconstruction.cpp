@@ -229,6 +229,7 @@ ThreeViewStart RayGrowth::three_view_start(const std::array<int, 3>& images, std
   options.max_error = options_.max_error_px / r_.camera.pixels_per_radian();
   options.seed = options_.seed;
   options.stream = static_cast<uint64_t>(images[0]);
+  options.searches = 1;  // to a lens that is guessed a better fit means little, and photos have many threes
   return start_from_three_views(bearings[0], bearings[1], bearings[2], options);
 }
 

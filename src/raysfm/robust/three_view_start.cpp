@@ -20,9 +20,6 @@ using Eigen::Vector3d;
 
 namespace {
 
-// A motion far from the right one may agree with most matches where the parallax is small, and a search ends
-// once most agree. So what is to be a start is searched for more than once.
-constexpr int kSearches = 4;
 constexpr uint64_t kOtherSeed = 0x9e3779b97f4a7c15;
 
 // Motion over three views from five matches.
@@ -308,7 +305,7 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
   MotionRansac motions(bearings, options.max_error);
   const ThreeViewStart empty = start;
   search_motion(bearings, options, search, &motions, &start);
-  for (int k = 1; k < kSearches && start.ok(); ++k) {
+  for (int k = 1; k < options.searches && start.ok(); ++k) {
     search.seed += kOtherSeed;
     ThreeViewStart other = empty;
     search_motion(bearings, options, search, &motions, &other);

@@ -33,6 +33,9 @@ struct ThreeViewOptions {
   double min_rival_cost = 1.05;  // rival_cost below which the start is ambiguous
   int max_iterations = 500;
   double confidence = 0.9999;
+  // >= 1: of a start that one search found. A motion far from the right one may agree with most matches where
+  // the parallax is small, and a search ends once most agree; the motion that fits best is taken.
+  int searches = 4;
   uint64_t seed = 0;
   uint64_t stream = 0;
 };
