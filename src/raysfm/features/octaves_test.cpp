@@ -18,6 +18,18 @@ using testing_support::soft_board;
 
 constexpr int kAnySize = 1 << 30;
 
+// Dim, with so much noise; grey levels.
+GrayImage noisy_board(double noise) {
+  GrayImage image = soft_board(640, 480, 0.6);
+  Rng rng(5);
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) {
+      image.row(y)[x] = testing_support::to_grey(40 + 0.2 * image.row(y)[x] + noise * rng.normal());
+    }
+  }
+  return image;
+}
+
 TEST(Octaves, PlacesGoIntoAnOctaveAndBack) {
   const Eigen::Vector2f pixel(17.25f, 310.5f);
   for (int o = 0; o < 5; ++o) {
@@ -29,7 +41,7 @@ TEST(Octaves, PlacesGoIntoAnOctaveAndBack) {
 }
 
 TEST(Octaves, EachIsTheHalfOfTheOneBefore) {
-  const GrayImage image = random_image(403, 391, 1);
+  const GrayImage image = soft_board(403, 391, 0.6);
   GrayImage copy(403, 391), half;
   cv::Mat target = header(copy);
   cv::Mat(391, 403, CV_8UC1, const_cast<uint8_t*>(image.row(0)), image.view().stride).copyTo(target);
@@ -66,6 +78,26 @@ TEST(Octaves, LeaveOutWhatAnEnlargementMade) {
 TEST(Octaves, LeaveOutWhatABlurTook) {
   for (const auto& [sigma, first] : {std::pair(0.7, 0), {1.2, 0}, {2.2, 1}, {4.0, 2}}) {
     EXPECT_EQ(Octaves(soft_board(1280, 960, sigma), kAnySize).first(), first) << sigma;
+  }
+}
+
+// One pixel of blur, whatever the noise; less noise is left as it is.
+TEST(Octaves, AreThoseOfABlurredImageWhereItIsNoisy) {
+  for (const auto& [noise, blurred] : {std::pair(0.5, false), {6.0, true}, {12.0, true}}) {
+    GrayImage image = noisy_board(noise), expected(image.width(), image.height());
+    const cv::Mat before = header(image).clone();
+    if (blurred) {
+      cv::GaussianBlur(before, header(expected), {5, 5}, 1.0, 1.0, cv::BORDER_REPLICATE);
+    } else {
+      before.copyTo(header(expected));
+    }
+    const Octaves octaves(std::move(image), kAnySize);
+    ASSERT_EQ(octaves.first(), 0);
+    const GrayView view = octaves.at(0);
+    const cv::Mat found(view.height, view.width, CV_8UC1, const_cast<uint8_t*>(view.row(0)), view.stride);
+    EXPECT_LE(cv::norm(found, header(expected), cv::NORM_L1) / static_cast<double>(found.total()),
+              blurred ? 1 : 0)
+        << noise;
   }
 }
 

@@ -388,6 +388,31 @@ TEST(OdometryMarks, ItGoesOnFromItsStateWithTheSameResult) {
   }
 }
 
+// Little light, and the noise of a camera that makes up for it.
+SynthViews at_night(const SynthViews& views) {
+  SynthViews out{{}, views.world_from_rig, views.timestamps};
+  for (int i = 0; i < views.size(); ++i) {
+    Rng rng(1, i);
+    GrayImage image(views.images[i].width(), views.images[i].height());
+    for (int y = 0; y < image.height(); ++y) {
+      for (int x = 0; x < image.width(); ++x) {
+        image.row(y)[x] = testing_support::to_grey(10 + 0.4 * views.images[i].row(y)[x] + 6 * rng.normal());
+      }
+    }
+    out.images.push_back(std::move(image));
+  }
+  return out;
+}
+
+TEST(OdometryAtNight, NoiseIsNotFollowed) {
+  Film film;
+  film.add(at_night(synth_views("corridor", "drive", 60)), 0, 60);
+  const Reconstruction r = run(film);
+  ASSERT_EQ(r.segments.size(), 1u);
+  expect_posed_where_it_sees(r, film);
+  EXPECT_LT(error_of(r, film).percent_of_path(), 0.2);
+}
+
 ViewPtr stereo_view(GrayImage left, GrayImage right, int frame) {
   auto view = std::make_shared<View>();
   view->frame = frame;
