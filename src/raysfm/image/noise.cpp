@@ -10,7 +10,7 @@ namespace raysfm {
 namespace {
 
 constexpr int kBlocksAcross = 8, kBlocksDown = 6, kBlockSide = 16;  // blocks, and their pixels
-constexpr double kLower = 0.2, kUpper = 0.8;                         // quantiles
+constexpr double kLower = 0.2, kUpper = 0.8;                        // quantiles
 
 struct Block {
   double noise = 0, deviation = 0;  // grey levels
