@@ -14,7 +14,6 @@ namespace {
 
 constexpr int kFirst = 20;         // key frames, after which a calibration is asked for
 constexpr int kLeastStretch = 8;   // of the last
-constexpr int kLongest = 80;       // key frames of a stretch
 constexpr double kGrowth = 2;      // of the key frames from one time to the next
 constexpr double kRescaled = 0.1;  // logarithm of the factor to a scale that makes it another
 constexpr int kShutterKeyFrames = 8;
@@ -55,14 +54,14 @@ int CalibrationRefiner::measured_until(int world) const {
 int CalibrationRefiner::first_open(int world) const {
   int first = 0;
   for (const Stretch& s : stretches_) {
-    if (s.world == world) first = std::max(first, s.end - s.begin < kLongest ? s.begin : s.end);
+    if (s.world == world) first = std::max(first, s.is_open() ? s.begin : s.end);
   }
   return first;
 }
 
 int CalibrationRefiner::measured() const {
   int keyframes = 0;
-  for (const Stretch& s : stretches_) keyframes += s.end - s.begin;
+  for (const Stretch& s : stretches_) keyframes += s.keyframes;
   return keyframes;
 }
 
@@ -159,26 +158,29 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
   std::optional<CalibrationEvidence> evidence =
       measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
-  return {world, begin, end, map.rescaled, *std::move(evidence)};
+  return {world, begin, end, end - begin, map.rescaled, *std::move(evidence)};
 }
 
 void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
-                                 const VelocityOf& velocity_of) {
+                                 std::span<const uint8_t> left_out, const VelocityOf& velocity_of) {
   const int count = static_cast<int>(map.keyframes.size());
   std::erase_if(stretches_, [&](const Stretch& s) { return is_outdated(s, world, map); });
-  int begin = first_open(world);
-  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world && s.begin >= begin; });
-  for (; count - begin >= kLeastStretch; begin += kLongest)
-    stretches_.push_back(
-        measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kLongest, count)));
+  const int first = first_open(world);
+  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world && s.begin >= first; });
+  const auto leaves_out = [&](int k) { return k < std::ssize(left_out) && left_out[k]; };
+  for (int begin = first, end; begin < count; begin = end) {
+    for (end = begin + 1; end < count && end - begin < kLongest && !leaves_out(end);) ++end;
+    if (!leaves_out(begin) && end - begin >= kLeastStretch)
+      stretches_.push_back(measured_stretch(rig, world, map, velocity_of, begin, end));
+  }
 }
 
 // What other worlds said of a calibration that was far from this one does not count.
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
-                                       const VelocityOf& velocity_of) {
+                                       std::span<const uint8_t> left_out, const VelocityOf& velocity_of) {
   const bool was_far = choice_.effect > kFar;
   std::erase_if(stretches_, [&](const Stretch& s) { return was_far || s.world == world; });
-  measure(rig, world, map, velocity_of);
+  measure(rig, world, map, left_out, velocity_of);
 }
 
 void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {
@@ -257,7 +259,7 @@ bool CalibrationRefiner::is_shutter_due(int keyframes) const {
 std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int world, const Map& map,
                                                     const VelocityOf& velocity_of) {
   const CalibrationChoice before = choice_;
-  measure(rig, world, map, velocity_of);
+  measure(rig, world, map, {}, velocity_of);
   choice_ = choose_calibration(parameters_, stretches_.back().evidence);
   for (int i = 0; i < parameters_.size(); ++i) {
     const bool is_readout = parameters_[i].kind == RigParameters::Kind::kReadout;

@@ -40,8 +40,10 @@ class CalibrationRefiner {
   using VelocityOf = std::function<Velocity(int keyframe)>;
 
   // Measures what of a world was not measured yet, its last stretch anew where that became longer, and all of
-  // it where its scale is another now.
-  void measure(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+  // it where its scale is another now. Key frames that are left out (1; shorter: the rest is not) are in no
+  // stretch.
+  void measure(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
+               const VelocityOf& velocity_of);
 
   // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
   // and one that it tells beyond doubt. What is found there is forgotten where it tells none.
@@ -49,7 +51,8 @@ class CalibrationRefiner {
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
                                   const VelocityOf& velocity_of);
 
-  // A world is part of another now, or key frames moved to make room for it.
+  // A world is part of another now, or key frames moved to make room for it; or some are gone, which have the
+  // number of the one before. What was measured with these stays.
   void renumber(int world, int into, std::span<const int> new_number_of_keyframe);
 
   // A calibration that is worth adapting everything to, or none.
@@ -58,7 +61,8 @@ class CalibrationRefiner {
   // Takes it over. True where that is so large a step that another from there may be worth it, once
   // measure_again() has been told what the adapted map says.
   bool take_over();
-  void measure_again(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+  void measure_again(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
+                     const VelocityOf& velocity_of);
 
   // Whether what was measured of a world says of its earlier part another focal length than of its later one,
   // beyond doubt: the camera zoomed, which one calibration does not hold.
@@ -79,16 +83,22 @@ class CalibrationRefiner {
   }
 
  private:
+  static constexpr int kLongest = 80;  // key frames of a stretch
+
   struct Stretch {
     int world = 0;
     int begin = 0, end = 0;  // key frames, the last of which is before `end`
+    int keyframes = 0;       // that it had when it was measured
     double rescaled = 1;     // Map::rescaled, of the map that was measured
     CalibrationEvidence evidence;
+
+    // Whether it may become longer.
+    bool is_open() const { return keyframes == end - begin && keyframes < kLongest; }
 
     template <typename A>
     void archive(A& a) {
       CalibrationEvidence& e = evidence;
-      raysfm::archive(a, world, begin, end, rescaled, e.at, e.information, e.gradient, e.scatter,
+      raysfm::archive(a, world, begin, end, keyframes, rescaled, e.at, e.information, e.gradient, e.scatter,
                       e.lens_scatter, e.cost, e.observations);
     }
   };

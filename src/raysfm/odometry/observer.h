@@ -32,7 +32,7 @@ struct StartRefused {
 struct KeyFrameAdded {
   int frame = 0;
   int world = 0;
-  int keyframe = 0;  // counts those of its world, from 0
+  int keyframe = 0;  // counts those that its world has, from 0
 };
 
 // Key frames were adjusted, and with them all poses of frames in [first_frame, last_frame] of the world.

@@ -16,8 +16,7 @@
 namespace raysfm {
 namespace {
 
-constexpr int kReach = 10;      // key frames about the anchor whose points are looked for
-constexpr int kKeptViews = 60;  // key frames whose images are kept
+constexpr int kReach = 10;  // key frames about the anchor whose points are looked for
 // Key frames after which a place is remembered: its points have positions then.
 constexpr int kPlaceAge = 5;
 // Key frames after which a track that has no position, and is not seen any more, is given up.
@@ -506,6 +505,7 @@ void Odometry::track(ViewPtr view) {
   accept(view, std::move(pose));
   // With the key frame that makes another one old enough: what key frames cost is no other frame's.
   look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
+  drop_second_looks();
 }
 
 // A blurred view makes a poor key frame: a better one is waited for, while most of the anchor is in sight.

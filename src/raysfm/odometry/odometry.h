@@ -23,6 +23,8 @@
 
 namespace raysfm {
 
+constexpr int kKeptViews = 60;  // key frames whose images are kept
+
 // Time of each stage, one entry for each frame that it was needed in. `frame` is all of a frame's but
 // decoding.
 struct OdometryTimings {
@@ -144,8 +146,10 @@ class Odometry {
     int looked_about = 0;        // key frames before it are places, or will never be
     int newest_place = -1;       // key frame that was looked about from last
     int newest_meeting = -1000;  // key frame that saw a place again
-    bool closed = false;         // parts of its map were brought together since all of it was adjusted
-    int joined_into = -1;        // another one has all of it
+    // Of the key frames that were gone through: 1 where it is one of the few that stayed of a second look.
+    std::vector<uint8_t> is_known = {};
+    bool closed = false;   // parts of its map were brought together since all of it was adjusted
+    int joined_into = -1;  // another one has all of it
 
     template <typename A>
     void archive(A& a);
@@ -238,6 +242,8 @@ class Odometry {
   void join(const Meeting& meeting);
   void fuse(const std::vector<SamePoint>& points);
   void renumber(int segment, int into, const std::vector<int>& keyframes, int first_track);
+  void drop_second_looks();
+  void rehang_frames(std::span<const uint8_t> goes);
   void adjust_all();
   void all_has_moved();
   bool has_moved_on(int frame, const Localisation& pose) const;

@@ -27,7 +27,7 @@ void Odometry::refine_calibration(int number, bool last) {
   if (asks_for_shutter) {
     better = refiner_.find_shutter(rig_, number, s.map, velocity_of);
   } else {
-    refiner_.measure(rig_, number, s.map, velocity_of);
+    refiner_.measure(rig_, number, s.map, s.is_known, velocity_of);
     better = refiner_.better();
   }
   for (int round = 0; round < kMostRounds; ++round) {
@@ -42,7 +42,7 @@ void Odometry::refine_calibration(int number, bool last) {
     const bool again = is_far || !rig_.central();
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
     if (!again) return;
-    refiner_.measure_again(rig_, number, s.map, velocity_of);
+    refiner_.measure_again(rig_, number, s.map, s.is_known, velocity_of);
   }
 }
 

@@ -1,10 +1,12 @@
 // How Odometry comes back to where it was.
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "raysfm/core/median.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/places/map_fusion.h"
+#include "raysfm/places/second_looks.h"
 
 namespace raysfm {
 namespace {
@@ -15,6 +17,8 @@ constexpr size_t kLeastDescribed = 40;
 constexpr int kMostRecalled = 5;        // places that a lost view is compared with
 constexpr size_t kRecalledPoints = 30;  // of a place without images, to go on from there
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
+// Of second looks every so manieth key frame stays; they are gone through so many at once.
+constexpr int kStays = 10, kThinnedAtOnce = 60;
 
 std::vector<KeyFrameView> joined_views(const JoinedNumbers& numbers, std::vector<KeyFrameView> first,
                                        std::vector<KeyFrameView> second) {
@@ -22,6 +26,20 @@ std::vector<KeyFrameView> joined_views(const JoinedNumbers& numbers, std::vector
   for (size_t k = 0; k < first.size(); ++k) views[numbers.keyframe_of_first[k]] = std::move(first[k]);
   for (size_t k = 0; k < second.size(); ++k) views[numbers.keyframe_of_second[k]] = std::move(second[k]);
   return views;
+}
+
+// What is marked of the key frames of two worlds, of those of the joined one before `end`.
+std::vector<uint8_t> joined_marks(const JoinedNumbers& numbers, std::span<const uint8_t> first,
+                                  std::span<const uint8_t> second, int end) {
+  std::vector<uint8_t> marks(end, 0);
+  const auto mark = [&](std::span<const uint8_t> of_world, std::span<const int> now) {
+    for (size_t k = 0; k < of_world.size(); ++k) {
+      if (of_world[k] && now[k] < end) marks[now[k]] = 1;
+    }
+  };
+  mark(first, numbers.keyframe_of_first);
+  mark(second, numbers.keyframe_of_second);
+  return marks;
 }
 
 }  // namespace
@@ -37,6 +55,7 @@ void Odometry::know(std::vector<Map> worlds) {
     s.start.method = "saved map";
     s.end_reason = "not recognised in the saved map";
     s.looked_about = static_cast<int>(s.map.keyframes.size());
+    s.is_known.assign(s.map.keyframes.size(), 0);
     s.views.resize(s.map.keyframes.size());
     for (int k = 0; k < s.looked_about; ++k) {
       MapKeyFrame& keyframe = s.map.keyframes[k];
@@ -130,7 +149,49 @@ void Odometry::close(const Meeting& meeting) {
     closures_.push_back(closure);
     observer_->place_seen_again({active_, closure, -1});
   }
-  s.closed = true;
+  if (!std::exchange(s.closed, true)) s.is_known.resize(meeting.here.keyframe, 0);
+}
+
+// Most key frames of a second look have done what they were for once they are old: tracking needed their
+// images and points. What names them names the one before that stays, and goes on from there.
+void Odometry::drop_second_looks() {
+  SegmentState& s = segment();
+  const int count = static_cast<int>(s.map.keyframes.size()), begin = static_cast<int>(s.is_known.size());
+  const int end = count - kKeptViews - 2 * options_.window;
+  if (!s.closed || count <= options_.keep_all_until || end - begin < kThinnedAtOnce) return;
+  std::ranges::copy(second_looks(s.map, begin, end, kKeptViews), std::back_inserter(s.is_known));
+  std::vector<uint8_t> goes(end, 0);
+  for (int k = begin, stays = begin - 1; k < end; ++k) {
+    if (s.is_known[k]) s.map.keyframes[k].described.clear(), s.map.keyframes[k].descriptors.clear();
+    goes[k] = s.is_known[k] && k - stays < kStays && k != s.map.guessed_keyframe;
+    if (!goes[k]) stays = k;
+  }
+  rehang_frames(goes);
+  const std::vector<int> now = drop_keyframes(goes, &s.map);
+  renumber(active_, active_, now, 0);
+  places_.drop(active_, s.is_known, now);
+  for (int k = end; k-- > begin;) {
+    if (!goes[k]) continue;
+    s.views.erase(s.views.begin() + k);
+    s.is_known.erase(s.is_known.begin() + k);
+  }
+  s.looked_about = now[s.looked_about - 1] + 1;
+  if (s.newest_place >= 0) s.newest_place = now[s.newest_place];
+  if (s.newest_meeting >= 0) s.newest_meeting = now[s.newest_meeting];
+  set_anchor(now[local_.anchor]);
+}
+
+// Frames of key frames that go hang on the one before that stays.
+void Odometry::rehang_frames(std::span<const uint8_t> goes) {
+  const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
+  for (FrameRecord& frame : frames_) {
+    if (frame.segment != active_ || frame.keyframe >= static_cast<int>(goes.size())) continue;
+    int stays = frame.keyframe;
+    while (goes[stays]) --stays;
+    if (stays == frame.keyframe) continue;
+    frame.rig_from_keyframe = present_pose(frame, segment().map) * keyframes[stays].rig_from_world.inverse();
+    frame.keyframe = stays;
+  }
 }
 
 // The active world after what was brought together in it, in a few steps, and a large one by some of its
@@ -190,6 +251,7 @@ void Odometry::join(const Meeting& meeting) {
   const SegmentState& active = segment();
   into.looked_about = now(active.looked_about - 1) + 1;
   into.newest_meeting = now(meeting.here.keyframe);
+  into.is_known = joined_marks(numbers, into.is_known, from.is_known, into.newest_meeting);
   into.newest_place = now(active.newest_place);
   into.end_reason = active.end_reason;
   into.calibration = std::min(into.calibration, from.calibration);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <memory>
 #include <optional>
@@ -185,6 +186,93 @@ TEST(OdometryPlaces, ALoopIsClosed) {
   EXPECT_LT(r.rms_reprojection_px, 1.4 * open.rms_reprojection_px);
 }
 
+// Four times round the room, and along its first side once more after a gap.
+constexpr int kRound = 480, kRounds = 4;
+const Film& many_rounds() {
+  static const Film film = [] {
+    Film rounds;
+    for (int i = 0; i < kRounds; ++i) rounds.add(slow_round(), i == 0 ? 4 : 0, kRound);
+    rounds.add_black(6);
+    rounds.add(slow_round(), 20, 60);
+    return rounds;
+  }();
+  return film;
+}
+
+// A map that keeps all of the first round, and little of what it sees again.
+OdometryOptions few_kept() {
+  OdometryOptions options;
+  options.keep_all_until = 100;
+  return options;
+}
+
+struct KeyFrameListener : TrackerObserver {
+  std::array<int, kRounds + 1> most = {};  // key frames that the world had in each round
+  void keyframe_added(const KeyFrameAdded& e) override {
+    int& of_round = most[e.frame / kRound];
+    of_round = std::max(of_round, e.keyframe + 1);
+  }
+};
+
+struct FewKept {
+  KeyFrameListener listener;
+  std::vector<Map> maps;
+  Reconstruction result;
+};
+const FewKept& many_rounds_few_kept() {
+  static const FewKept run = [] {
+    FewKept few;
+    Odometry odometry({{small_camera()}}, few_kept(), &few.listener);
+    for (const ViewPtr& view : many_rounds().views) odometry.process(view);
+    few.result = odometry.finish(false, &few.maps);
+    return few;
+  }();
+  return run;
+}
+
+// A further round makes the map larger by less than half of what the first one brought: a tenth of the second
+// look stays, and what sees too much that is new.
+TEST(OdometryPlaces, AMapHardlyGrowsWhereAllWasSeenBefore) {
+  const Film& film = many_rounds();
+  const Reconstruction &r = many_rounds_few_kept().result, whole = run(film);
+  expect_posed_where_it_sees(r, film);
+  ASSERT_EQ(r.segments.size(), 1u);
+  const auto& most = many_rounds_few_kept().listener.most;
+  ASSERT_GT(most[0], 80);
+  EXPECT_LT(most[3], most[2] + most[0] / 2);
+  EXPECT_LT(r.keyframes.size(), 0.75 * whole.keyframes.size());
+  for (size_t k = 1; k < r.keyframes.size(); ++k) {
+    EXPECT_LT(r.keyframes[k - 1].frame, r.keyframes[k].frame);
+  }
+  const Evaluation error = error_of(r, film), of_whole = error_of(whole, film);
+  EXPECT_LT(error.ate.rmse, 1.1 * of_whole.ate.rmse);
+  EXPECT_LT(error.ate.max, 1.1 * of_whole.ate.max);
+  EXPECT_LT(error.rpe.trans, 1.1 * of_whole.rpe.trans);
+  EXPECT_LT(r.rms_reprojection_px, 1.1 * whole.rms_reprojection_px);
+}
+
+TEST(OdometryPlaces, PlacesAndMapGoTogetherAfterSecondLooksHaveGone) {
+  const Film& film = many_rounds();
+  const Reconstruction& r = many_rounds_few_kept().result;
+  ASSERT_GE(r.closures.size(), 2u);
+  for (const Closure& c : r.closures) {
+    const Rigid3 here = *film.world_from_rig[c.frame], there = *film.world_from_rig[c.with_frame];
+    EXPECT_LT((here.translation - there.translation).norm(), 0.5) << c.frame << " " << c.with_frame;
+  }
+  // Found again after the gap, by a place of which no image is at hand.
+  EXPECT_EQ(r.frames.back().segment, 0);
+  const auto& maps = many_rounds_few_kept().maps;
+  ASSERT_EQ(maps.size(), 1u);
+  const Map& map = maps[0];
+  for (int t = 0; t < static_cast<int>(map.tracks.size()); ++t) {
+    for (const TrackObservation& o : map.tracks[t].observations) {
+      ASSERT_LT(o.keyframe, static_cast<int>(map.keyframes.size()));
+      ASSERT_LT(o.feature, map.keyframes[o.keyframe].size());
+      ASSERT_EQ(map.keyframes[o.keyframe].tracks[o.feature], t);
+    }
+  }
+}
+
 TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
   const Film film = two_sides();
   PlaceListener listener;
@@ -276,8 +364,8 @@ struct Broken {
   std::map<int, ViewPtr> views;
 };
 
-Broken broken_off(const Film& film, int views) {
-  Odometry odometry({{small_camera()}}, {});
+Broken broken_off(const Film& film, int views, const OdometryOptions& options = {}) {
+  Odometry odometry({{small_camera()}}, options);
   for (int i = 0; i < views; ++i) odometry.process(film.views[i]);
   StateWriter writer;
   odometry.write_state(writer);
@@ -289,9 +377,10 @@ Broken broken_off(const Film& film, int views) {
   return out;
 }
 
-void expect_same_after_a_break(const Film& film, const Reconstruction& whole, int views) {
-  const Broken broken = broken_off(film, views);
-  Odometry odometry({{small_camera()}}, {});
+void expect_same_after_a_break(const Film& film, const Reconstruction& whole, int views,
+                               const OdometryOptions& options = {}) {
+  const Broken broken = broken_off(film, views, options);
+  Odometry odometry({{small_camera()}}, options);
   StateReader reader(broken.state, broken.views);
   ASSERT_TRUE(odometry.read_state(reader)) << views;
   EXPECT_EQ(odometry.frames(), views);
@@ -307,6 +396,11 @@ TEST(OdometryPlaces, ItGoesOnFromItsStateWithTheSameResult) {
   for (const int views : {1, 5, 30, 49, 55, 100, film.size() - 20, film.size()}) {
     expect_same_after_a_break(film, whole, views);
   }
+}
+
+// After some key frames of second looks have gone, and before others do.
+TEST(OdometryPlaces, ItGoesOnWithoutSecondLooksWithTheSameResult) {
+  expect_same_after_a_break(many_rounds(), many_rounds_few_kept().result, 3 * kRound, few_kept());
 }
 
 TEST(OdometryPlaces, ItGoesOnInTheMiddleOfATurnWithTheSameResult) {

@@ -47,7 +47,10 @@ struct OdometryOptions {
   GenericStartMethod start = GenericStartMethod::kAuto;  // how the first three views are posed
   LensRefinement refine_lens = LensRefinement::kAuto;
   CalibrationPrior calibration_prior = {};  // of the cameras given
-  bool loops = true;          // places seen before are recognised: loops are closed, worlds joined
+  bool loops = true;  // places seen before are recognised: loops are closed, worlds joined
+  // Key frames of a map up to which all of them stay. Beyond, where loops are closed, most of those go again
+  // that saw what was known before.
+  int keep_all_until = 1000;
   bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
   FinalAdjustment final = FinalAdjustment::kGlobal;
   uint64_t seed = 0;

@@ -114,6 +114,23 @@ int PlaceIndex::add(std::span<const Descriptor> descriptors) {
   return size_++;
 }
 
+void PlaceIndex::keep(std::span<const uint8_t> stays) {
+  std::vector<uint32_t> number_now;
+  int stay = 0;
+  for (const uint8_t s : stays) number_now.push_back(static_cast<uint32_t>(s ? stay++ : stay));
+  for (Bucket& bucket : buckets_) {
+    size_t kept = 0;
+    for (size_t i = 0; i < bucket.places.size(); ++i) {
+      if (!stays[bucket.places[i]]) continue;
+      bucket.signatures[kept] = bucket.signatures[i];
+      bucket.places[kept++] = number_now[bucket.places[i]];
+    }
+    bucket.signatures.resize(kept);
+    bucket.places.resize(kept);
+  }
+  size_ = stay;
+}
+
 // Of signatures that are asked for soon, what memory would be waited for: the numbers of their buckets,
 // these, then what is filed.
 void PlaceIndex::fetch_ahead(std::span<const uint64_t> asked_for, size_t now) const {

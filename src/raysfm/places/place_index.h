@@ -29,6 +29,10 @@ class PlaceIndex {
 
   int size() const { return size_; }
 
+  // Places that do not stay (0; one entry for each) are forgotten, and the others numbered anew in their
+  // order.
+  void keep(std::span<const uint8_t> stays);
+
   // Every descriptor votes for the two places that have the ones most like it, of those that are not to be
   // skipped (1; by place, shorter: none of the rest). Of more than 1000 places, not all descriptors are asked
   // for. The `most` places with most votes, best first, the

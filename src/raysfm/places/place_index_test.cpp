@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "raysfm/core/random.h"
+#include "raysfm/places/place_memory.h"
+#include "support/panel_world.h"
 
 namespace raysfm {
 namespace {
@@ -212,6 +214,57 @@ TEST(PlaceIndex, TheSameCallsGiveTheSame) {
   EXPECT_GT(votes.size(), 1u);
   EXPECT_TRUE(same(votes, b.index.search(asked, {}, 50)));
   EXPECT_TRUE(same(votes, PlaceIndex(b.index).search(asked, {}, 50)));
+}
+
+TEST(PlaceIndex, WithoutSomePlacesItIsOneThatNeverHadThem) {
+  ManyPlaces many(60);
+  std::vector<uint8_t> stays(60);
+  PlaceIndex fewer;
+  for (int p = 0; p < 60; ++p) {
+    stays[p] = p % 3 != 0;
+    if (stays[p]) fewer.add(many.places[p]);
+  }
+  many.index.keep(stays);
+  ASSERT_EQ(many.index.size(), 40);
+  for (const int place : {0, 1, 33, 59}) {
+    const auto seen = seen_again(many.places[place], 1.0 / 8, many.rng);
+    const auto votes = many.index.search(seen, {}, 40);
+    EXPECT_TRUE(same(votes, fewer.search(seen, {}, 40))) << place;
+    const bool is_found = votes[0].votes > 0.35 * 300;
+    EXPECT_EQ(is_found, stays[place] != 0) << place;
+  }
+  EXPECT_EQ(many.index.add(many.places[0]), 40);
+}
+
+// Four places of each of two worlds. Of the first, the key frames before 30 were gone through: those of two
+// places stand for nothing new, one of which is gone, with the two before it.
+TEST(PlaceMemory, PlacesThatStandForNothingNewAreForgottenAndOthersFollowTheirKeyFrames) {
+  Rng rng(5);
+  const TrackingRig rig(Rig{{testing_support::small_camera()}});
+  PlaceMemory memory(rig, 0);
+  std::vector<MapKeyFrame> keyframes(8);
+  for (int p = 0; p < 8; ++p) {
+    const auto descriptors = random_descriptors(300, rng);
+    keyframes[p].descriptors.assign(descriptors.begin(), descriptors.end());
+    memory.add({p / 4, 10 * (p % 4)}, keyframes[p]);
+  }
+  std::vector<uint8_t> is_known(30, 0);
+  is_known[10] = is_known[20] = 1;
+  std::vector<int> now;
+  for (int k = 0; k < 40; ++k) now.push_back(k < 18 ? k : k <= 20 ? 17 : k - 3);
+  memory.drop(0, is_known, now);
+  ASSERT_EQ(memory.size(), 6);
+  const auto nearest = [&](int p) {
+    const auto& d = keyframes[p].descriptors;
+    return memory.most_like({{}, {d.begin(), d.end()}}, 1).at(0);
+  };
+  const auto is = [](const PlaceRef& p, int world, int keyframe) {
+    return p.world == world && p.keyframe == keyframe;
+  };
+  EXPECT_TRUE(is(nearest(0), 0, 0));
+  EXPECT_TRUE(is(nearest(3), 0, 27));
+  for (int p = 4; p < 8; ++p) EXPECT_TRUE(is(nearest(p), 1, 10 * (p - 4))) << p;
+  for (const int gone : {1, 2}) EXPECT_FALSE(is(nearest(gone), 0, 10 * gone)) << gone;
 }
 
 }  // namespace

@@ -129,6 +129,19 @@ void PlaceMemory::renumber(int world, int into, std::span<const int> keyframes) 
   }
 }
 
+void PlaceMemory::drop(int world, std::span<const uint8_t> is_known, std::span<const int> keyframe_now) {
+  std::vector<uint8_t> stays;
+  std::vector<PlaceRef> staying;
+  for (const PlaceRef& place : places_) {
+    const size_t k = place.keyframe;
+    stays.push_back(place.world != world || k >= is_known.size() || !is_known[k]);
+    if (stays.back()) staying.push_back(place);
+  }
+  if (staying.size() < places_.size()) index_.keep(stays);
+  places_ = std::move(staying);
+  renumber(world, world, keyframe_now);
+}
+
 void PlaceMemory::forget() {
   index_ = {};
   places_ = std::vector<PlaceRef>();

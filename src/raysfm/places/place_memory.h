@@ -59,6 +59,10 @@ class PlaceMemory {
   // After join_worlds().
   void renumber(const JoinedWorlds& joined);
 
+  // After drop_keyframes() of a world: places of key frames that stand for nothing new (1; by their old
+  // number, shorter: the rest does) are forgotten. `keyframe_now` is what it returned.
+  void drop(int world, std::span<const uint8_t> is_known, std::span<const int> keyframe_now);
+
   // All places, which frees their memory.
   void forget();
 
