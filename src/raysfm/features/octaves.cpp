@@ -17,7 +17,7 @@ constexpr int kMinSide = 48;  // pixels
 // Noise, as a part of the contrast, beyond which corners would be those of the noise, and patches of the same
 // place unlike: the image is blurred by one pixel, however noisy, as images that are to be matched should be
 // alike.
-constexpr double kNoisy = 0.12;
+constexpr double kNoisy = 0.3;
 
 void blur_noise(GrayImage* image) {
   if (noise_share(image->view()) <= kNoisy) return;

@@ -13,6 +13,16 @@
 namespace raysfm {
 namespace {
 
+// Squares of random grey, eight pixels wide: sharp, and no noise.
+GrayImage squares(int width, int height, uint64_t seed) {
+  const GrayImage grey = testing_support::random_image(width / 8, height / 8, seed);
+  GrayImage image(width, height);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) image.row(y)[x] = grey.row(y / 8)[x / 8];
+  }
+  return image;
+}
+
 // Frames made on demand; an error instead of the frame `error_at`.
 class MadeFrames : public FrameSource {
  public:
@@ -30,7 +40,7 @@ class MadeFrames : public FrameSource {
     frame.index = i;
     frame.timestamp = 0.25 * i;
     frame.name = "frame " + std::to_string(i);
-    frame.gray = testing_support::random_image(width(), height(), 100 + i / times_each);
+    frame.gray = squares(width(), height(), 100 + i / times_each);
     if (colour_) frame.colors.rgb = testing_support::random_image(3 * width(), height(), 200 + i);
     if (i == defect_at) {
       frame.gray = {};
@@ -61,7 +71,7 @@ bool same_pixels(GrayView a, GrayView b) {
   return true;
 }
 
-// Noise is sharp: the image is there as taken.
+// It is sharp: the image is there as taken.
 GrayView picture_of(const CameraView& camera) {
   EXPECT_EQ(camera.octaves->first(), 0);
   return camera.octaves->at(0);
