@@ -61,11 +61,10 @@ CameraView with_corners(const CameraView& view, const std::vector<int>& which) {
   some.patches = some_of(view.patches, which);
   some.rgb = some_of(view.rgb, which);
   for (int o = view.first_octave(); o <= view.last_octave(); ++o) {
-    const auto of_octave = std::ranges::equal_range(some.features.octaves, static_cast<uint8_t>(o));
-    const auto begin = of_octave.begin() - some.features.octaves.begin();
-    some.grids.emplace_back().build(some.features.pixels, static_cast<int>(begin),
-                                    static_cast<int>(begin + std::ssize(of_octave)), view.width, view.height,
-                                    o);
+    const auto& octaves = some.features.octaves;
+    const auto [begin, end] = std::equal_range(octaves.begin(), octaves.end(), static_cast<uint8_t>(o));
+    some.grids.emplace_back().build(some.features.pixels, static_cast<int>(begin - octaves.begin()),
+                                    static_cast<int>(end - octaves.begin()), view.width, view.height, o);
   }
   return some;
 }
