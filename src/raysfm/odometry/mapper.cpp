@@ -39,8 +39,6 @@ const BundleOptions kFirstWholeAdaption{
     .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
-// Key frames above which a new scale does not wait for everything to be adjusted along with it.
-constexpr size_t kQuicklyScaled = 100;
 // Points in each key frame of a large map that tell its pose.
 constexpr int kThinnedPoints = 80;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
@@ -215,7 +213,7 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Adjusti
   if (is_adjustment_due(adjusting, static_cast<int>(map->keyframes.size()))) adjust_locally(map);
   refit_surfaces(*map, views);
   if (is_scale_due(static_cast<int>(map->keyframes.size()), options_.global_until)) {
-    measure_scale(map->keyframes.size() > kQuicklyScaled ? ScaleEffort::kQuick : ScaleEffort::kFull, map);
+    measure_scale(effort_while_growing(*map), map);
   }
 }
 

@@ -30,16 +30,18 @@ void Odometry::refine_calibration(int number, bool last) {
     refiner_.measure(rig_, number, s.map, s.is_known, velocity_of);
     better = refiner_.better();
   }
+  // A large map has its newest part adapted while it grows, and goes on with that.
+  const bool all = last || keyframes <= kAdapted;
   for (int round = 0; round < kMostRounds; ++round) {
     if (round > 0) better = refiner_.better();
     if (!better) return;
     ++calibration_;
     rig_ = TrackingRig(*better, options_.error);
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted));
-    find_scale(number);
+    if (all) find_scale(number);
     const bool is_far = refiner_.take_over();
     // Where rays have different origins, lens and scale tell each other: each moves with the other.
-    const bool again = is_far || !rig_.central();
+    const bool again = is_far || (all && !rig_.central());
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
     if (!again) return;
     refiner_.measure_again(rig_, number, s.map, s.is_known, velocity_of);

@@ -18,12 +18,19 @@ constexpr double kContradiction = 3;  // standard deviations of the inverse of t
 constexpr double kUnmodelled = 2;
 constexpr double kCalibration = 0.005;  // standard deviation of a scale as far as calibrations are right
 constexpr double kSettled = 0.25;       // of sigma: smaller steps are not worth taking
-// Steps of the scale that need no adjustment of everything else, with either effort: where cameras are two
-// decimetres apart, 5 % move what is ten metres away by a thousandth of a radian.
-constexpr double kSmall = 0.01, kMiddling = 0.05;
+// Steps of the scale that need no adjustment of everything else. Where cameras are two decimetres apart, 1 %
+// moves what is ten metres away by a fifth of a thousandth of a radian.
+constexpr double kSmall = 0.01;
+// Beyond it one linearisation is not believed, and a quick measurement searches too.
+constexpr double kLarge = 0.5;
 constexpr int kQuickSteps = 5;    // of each adjustment of a quick search
 constexpr int kEvery = 2;         // key frames of a small map
 constexpr double kGrowth = 1.25;  // of a large one, from measurement to measurement
+// Key frames of a map that is no longer measured while it grows: what is told by then is told to a percent,
+// or to what the errors of the rays leave, and to measure more takes ever longer.
+constexpr int kMostMeasured = 300;
+// Key frames above which a new scale does not wait for everything to be adjusted along with it.
+constexpr size_t kQuicklyMeasured = 40;
 
 double stated(double sigma) {
   return std::hypot(kUnmodelled * sigma, kCalibration);
@@ -54,7 +61,7 @@ void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProbl
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
   double ratio = found->ratio;
-  if (step < (effort == ScaleEffort::kFull ? kSmall : kMiddling)) {
+  if (step < (effort == ScaleEffort::kFull ? kSmall : kLarge)) {
     scale_world(ratio, center, problem.rig_from_world, problem.points);
   } else {
     const int last = static_cast<int>(problem.rig_from_world.size()) - 1;
@@ -70,7 +77,12 @@ void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProbl
   map->guessed_distance *= ratio;
 }
 
+ScaleEffort effort_while_growing(const Map& map) {
+  return map.keyframes.size() > kQuicklyMeasured ? ScaleEffort::kQuick : ScaleEffort::kFull;
+}
+
 bool is_scale_due(int keyframes, int global_until) {
+  if (keyframes > kMostMeasured) return false;
   if (keyframes <= global_until) return keyframes % kEvery == 0;
   double due = std::max(1, global_until);
   while (static_cast<int>(due) < keyframes) due = std::max(due + 1, kGrowth * due);

@@ -16,8 +16,11 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
 // How a measurement that tells another scale is followed.
 enum class ScaleEffort : uint8_t {
   kFull,   // everything is adjusted along with it
-  kQuick,  // middling steps are taken as they are, after large ones little is adjusted: the rest has time
+  kQuick,  // all but the largest steps are taken as they are: the rest has time
 };
+
+// How a map that grows is measured: a large one quickly.
+ScaleEffort effort_while_growing(const Map& map);
 
 // Measures the scale from a problem of the whole map: poses are all its key frames in order, the first of
 // which is not free. Where something tells the scale, poses and points of the problem go there;
@@ -25,7 +28,8 @@ enum class ScaleEffort : uint8_t {
 void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProblem problem,
                    BundleAdjuster& adjuster, Map* map);
 
-// Whether a map that grows is due for a measurement: one is worth an iteration of an adjustment of all of it.
+// Whether a map that grows is due for a measurement: one is worth an iteration of an adjustment of all of it,
+// and so there are fewer and fewer, and none of the largest maps.
 bool is_scale_due(int keyframes, int global_until);
 
 }  // namespace raysfm
