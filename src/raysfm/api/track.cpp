@@ -41,6 +41,8 @@ struct Sources {
     std::optional<TrackResult> solved;           // with a lens for each image
     std::string warning;                         // of signs that came to nothing
   } zoom = {};
+
+  bool lens_is_given() const { return origin.source == "camera file"; }
 };
 
 // Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
@@ -375,8 +377,9 @@ std::string zoom_warning(const SeenZoom& change) {
       change.before, change.frame, change.after);
 }
 
-// Of the stretch where it is most.
+// Of the stretch where it is most; empty where there is none.
 std::string motion_warning(const std::vector<OtherMotion>& seen) {
+  if (seen.empty()) return "";
   const OtherMotion& most = *std::ranges::max_element(seen, {}, &OtherMotion::part);
   const std::string more = seen.size() > 1 ? fmt::format(", and in {} more stretches", seen.size() - 1) : "";
   return fmt::format(
@@ -385,36 +388,28 @@ std::string motion_warning(const std::vector<OtherMotion>& seen) {
       100 * most.part, most.first, most.last, more);
 }
 
-// Of a main world that is the three views of its start: a map that is wrong seldom grows, and of one that did
-// not nothing says that it is right.
-std::optional<std::string> start_warning(const Reconstruction& r) {
+// Of a main world that is the three views of its start, else empty: a map that is wrong seldom grows, and of
+// one that did not nothing says that it is right.
+std::string start_warning(const Reconstruction& r) {
   constexpr int kMayGrow = 10;  // frames with a pose, from which on another key frame is to be expected
   const std::vector<int> worlds = worlds_in_order(r);
-  if (worlds.empty()) return std::nullopt;
+  if (worlds.empty()) return "";
   const auto in_main = [&](const PosedFrame& frame) { return frame.segment == worlds[0]; };
   const auto frames = std::ranges::count_if(r.frames, in_main);
   const auto keyframes =
       std::ranges::count_if(r.keyframes, [&](const KeyFrame& k) { return in_main(r.frames[k.frame]); });
-  if (frames < kMayGrow || keyframes != 3) return std::nullopt;
+  if (frames < kMayGrow || keyframes != 3) return "";
   return fmt::format(
       "the map is that of the three views which started it, and none of {} frames has added to it: nothing "
       "later says that it is right",
       frames);
 }
 
-// What the run as a whole says against its result, before it is finished, but for a zoom.
-std::vector<std::string> tell_warnings(const Tracker& tracker, const EventSink& event) {
-  std::vector<std::string> warnings;
-  if (const auto seen = tracker.other_motion(); !seen.empty()) warnings.push_back(motion_warning(seen));
-  for (const std::string& warning : warnings) tell(event, Event::Level::kWarning, warning);
-  return warnings;
-}
-
-void tell_untested(const Reconstruction& r, const EventSink& event, std::vector<std::string>* warnings) {
-  const std::optional<std::string> warning = start_warning(r);
-  if (!warning) return;
-  tell(event, Event::Level::kWarning, *warning);
-  warnings->push_back(*warning);
+// Tells a warning, and keeps it for the report; nothing where it is empty.
+void warn(const EventSink& event, const std::string& warning, std::vector<std::string>* warnings) {
+  if (warning.empty()) return;
+  tell(event, Event::Level::kWarning, warning);
+  warnings->push_back(warning);
 }
 
 // What there is to say of an input that was read to its end.
@@ -502,24 +497,23 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   if (!read) return read.error();
 
   TrackResult out;
-  std::vector<std::string> warnings = tell_warnings(tracker, callbacks.event);
+  std::vector<std::string> warnings;
+  warn(callbacks.event, motion_warning(tracker.other_motion()), &warnings);
   aftermath->zoom = tracker.lens_change();
   if (sources->may_be_fisheye) {
-    const std::string wide = wide_lens_warning(tracker.rig().rig().cameras[0]);
-    tell(callbacks.event, Event::Level::kWarning, wide);
-    if (!wide.empty()) warnings.push_back(wide);
+    warn(callbacks.event, wide_lens_warning(tracker.rig().rig().cameras[0]), &warnings);
   }
   std::vector<ViewPtr> keyframes;
-  if (sources->origin.source == "camera file" && !tells_focal(tracker.calibration()))
+  if (sources->lens_is_given() && !tells_focal(tracker.calibration()))
     keyframes = tracker.newest_keyframes(kDoubtful);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
-  if (sources->origin.source == "camera file" && !read->stopped)
+  if (sources->lens_is_given() && !read->stopped)
     aftermath->doubt = doubt_of_lens(out.reconstruction, keyframes, tracker.maker(), settings.odometry.seed);
   if (read->stopped) explain_interruption(&out.reconstruction);
-  tell_untested(out.reconstruction, callbacks.event, &warnings);
+  warn(callbacks.event, start_warning(out.reconstruction), &warnings);
   out.report = make_report(settings, tracker, *sources, read->decode);
   out.report.warnings = std::move(warnings);
   out.report.interrupted = read->stopped;
@@ -527,7 +521,8 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   return out;
 }
 
-void warn(const TrackCallbacks& callbacks, const std::string& warning, TrackResult* result) {
+// What makes all of a result doubtful comes first.
+void warn_first(const TrackCallbacks& callbacks, const std::string& warning, TrackResult* result) {
   tell(callbacks.event, Event::Level::kWarning, warning);
   result->report.warnings.insert(result->report.warnings.begin(), warning);
 }
@@ -559,11 +554,11 @@ std::optional<TrackResult> with_own_lens(const TrackSettings& given, const Track
     again.checkpoint.clear();  // of the run with the other lens
     Result<TrackResult> better = track(again, callbacks, nullptr, &*own);
     if (better && reaches_enough(*better, posed_count(tracked->reconstruction))) {
-      warn(callbacks, own_lens_warning(doubt, *own), &*better);
+      warn_first(callbacks, own_lens_warning(doubt, *own), &*better);
       return *std::move(better);
     }
   }
-  warn(callbacks, doubt_warning(doubt), tracked);
+  warn_first(callbacks, doubt_warning(doubt), tracked);
   return std::nullopt;
 }
 
@@ -644,8 +639,8 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (scans) zoom.clear();
   if (change) zoom = zoom_warning(*change);
   const Reconstruction& r = tracked->reconstruction;
-  const bool is_short = sources->origin.source == "camera file" && r.rig.cameras.size() == 1 &&
-                        std::ssize(r.keyframes) < kShort;
+  const bool is_short =
+      sources->lens_is_given() && r.rig.cameras.size() == 1 && std::ssize(r.keyframes) < kShort;
   if ((sources->zoom.may_be || is_short) && !callbacks.stopped()) {
     if (zoom.empty()) zoom = zoom_warning(zoom_in_map(r));
     const bool may_be_solved =
