@@ -618,6 +618,26 @@ cameras:
         done = run("solve", room, "--lens", "fixed", "--out", self.folder / "solved")
         self.assertRegex(done.stderr, r"warning: the lens was found to be 1\d\d degrees wide .* raysfm track .* finds fisheyes")
 
+    def test_a_turn_on_the_spot(self):
+        """No stretch tells the lens of a rolling shutter that turns at a place; tracking does, though nothing says how fast the images follow."""
+        camera = self.file("phone.yaml", """raysfm_camera: 1
+cameras:
+  - {name: c, model: radtan, resolution: [400, 226], intrinsics: {fx: 318, fy: 318, cx: 199, cy: 113, k1: 0.06, k2: -0.12, p1: 0, p2: 0}}
+""")
+        room = self.folder / "room"
+        done = run("synth", "room", "--motion", "pan", "--frames", 120, "--fps", 20, "--readout", 33, "--samples", 1, "--noise", 1,
+                   "--camera", camera, "--out", room, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.track(room / "images")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertIn("the images have no time stamps: the readout that was found is told as if they were a second apart", " ".join(report["warnings"]))
+        self.assertGreaterEqual(report["frames"]["posed"], 114)
+        self.assertEqual((report["lens_source"], report["lens_frames"]), ("footage", [0, 119]))
+        self.assertAlmostEqual(report["lens_focal_px"] / 318, 1, delta=0.02)
+        readout = re.search(r"readout_ms: ([\d.]+), direction: down", (self.out / "camera.yaml").read_text())
+        self.assertAlmostEqual(float(readout[1]) / (1000 * 0.033 * 20), 1, delta=0.1)
+
     def test_threads_change_nothing(self):
         for threads in (1, 3):
             done = self.track(STREET / "images", "--threads", threads, out=self.folder / str(threads))

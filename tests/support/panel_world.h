@@ -109,10 +109,10 @@ inline Ray world_ray(const Camera& camera, const Rigid3& rig_from_world, const E
   return {world_from_cam * ray.origin, world_from_cam.rotation * ray.direction};
 }
 
-inline ViewPtr as_view(GrayImage image, int frame, int features = 600) {
+inline ViewPtr as_view(GrayImage image, int frame, int features = 600, double seconds_per_frame = 0.1) {
   auto view = std::make_shared<View>();
   view->frame = frame;
-  view->timestamp = 0.1 * frame;
+  view->timestamp = seconds_per_frame * frame;
   view->cameras.resize(1);
   view->cameras[0].image = std::move(image);
   HarrisDetector detector;

@@ -18,10 +18,10 @@ struct SynthViews {
   std::vector<double> timestamps;
 
   int size() const { return static_cast<int>(images.size()); }
-  ViewPtr view(int i, int frame) const {
+  ViewPtr view(int i, int frame, double seconds_per_frame = 0.1) const {
     GrayImage image(images[i].width(), images[i].height());
     for (int y = 0; y < image.height(); ++y) std::copy_n(images[i].row(y), image.width(), image.row(y));
-    return as_view(std::move(image), frame);
+    return as_view(std::move(image), frame, 600, seconds_per_frame);
   }
 };
 

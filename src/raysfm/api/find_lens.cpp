@@ -32,6 +32,9 @@ constexpr int kFirstStretches = 6;  // that are asked for another lens where the
 // the second the lens is not told.
 constexpr double kOptimism = 3, kSure = 0.06, kUsable = 0.1;
 constexpr double kLeastPosed = 0.3;  // part of the frames of a stretch
+// Standard deviations of the principal point from the middle of the image beyond which something else bends a
+// stretch, such as a rolling shutter that turns on the spot.
+constexpr double kMostAside = 4;
 // How far off calibrations are, as a part of the focal length, and how many standard deviations of that and
 // of what is found another lens is away. Those of corners are too small by about so much: the distortion is
 // left out.
@@ -165,6 +168,14 @@ bool may_tell_other_lens(const PointTracks& tracks, const SolveOptions& options)
   return name.empty() || name == "pure translation";
 }
 
+// How far the principal point is from the middle, as a part of the image's larger side.
+double centre_aside(const UncalibratedReconstruction& found, const PointTracks& tracks) {
+  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+  const Lens& lens = found.scene.lenses[image];
+  const Eigen::Vector2d middle = 0.5 * (tracks.image_size - Eigen::Vector2d::Ones());
+  return (Eigen::Vector2d(lens.cx, lens.cy) - middle).norm() / tracks.image_size.maxCoeff();
+}
+
 // Asked for where a perspective lens does not do, as far as its reconstruction tells. `is_early`: of one of
 // the first stretches.
 WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<UncalibratedReconstruction>& found,
@@ -209,6 +220,12 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   }
   Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
   telling.lens->told_apart = wide.compared;
+  const double aside = centre_aside(*found, stretch.tracks);
+  if (aside > kMostAside * options.principal_point_sigma) {
+    return {{},
+            fmt::format("the optical axis would meet the image {:.0f} % of its size from its middle",
+                        100 * aside)};
+  }
   const bool is_wide = !wide_lens_warning(telling.lens->camera).empty();
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
   const double sigma = telling.lens->prior.focal;
@@ -284,12 +301,7 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
 
 FoundLens lens_of_fov(double fov_deg, const FrameSource& source) {
   const double focal = focal_of_fov(fov_deg, source.width());
-  FoundLens lens{{}, kTold, {}};
-  lens.camera.name = "camera";
-  lens.camera.width = source.width();
-  lens.camera.height = source.height();
-  lens.camera.model =
-      Pinhole{focal, focal * source.pixel_aspect(), 0.5 * (source.width() - 1), 0.5 * (source.height() - 1)};
+  FoundLens lens{pinhole_camera(focal, source), kTold, {}};
   lens.origin = {.source = "told field of view", .focal = focal, .focal_sigma = kTold.focal};
   return lens;
 }
@@ -313,6 +325,18 @@ Result<void> check_single(const TrackSettings& settings, const Input& input) {
       fmt::format("{}: no camera file for its {} cameras; give one with --camera, only the lens "
                   "of a single camera is found from the footage",
                   settings.inputs[0], streams));
+}
+
+std::optional<FoundLens> ask_tracking(const TrackSettings& settings, const FrameSource& source,
+                                      const TrackCallbacks& callbacks) {
+  tell(callbacks.event, Event::Level::kInfo,
+       "no stretch tells a lens: tracking looks for it, from two that are guessed");
+  std::optional<FoundLens> lens = lens_by_tracking(settings, source, callbacks);
+  tell(callbacks.event, Event::Level::kInfo,
+       lens ? fmt::format("both end at a focal length of {:.1f} pixels, right within {:.1f} %",
+                          lens->origin.focal, 100 * lens->origin.focal_sigma)
+            : "no lens from tracking");
+  return lens;
 }
 
 // Null of cameras without one, and where nothing was refined.
@@ -339,6 +363,16 @@ PointTracks without_distortion(const PointTracks& tracks, const Camera& camera, 
 }
 
 }  // namespace
+
+Camera pinhole_camera(double focal, const FrameSource& source) {
+  Camera camera;
+  camera.name = "camera";
+  camera.width = source.width();
+  camera.height = source.height();
+  camera.model =
+      Pinhole{focal, focal * source.pixel_aspect(), 0.5 * (source.width() - 1), 0.5 * (source.height() - 1)};
+  return camera;
+}
 
 double posed_share(const UncalibratedReconstruction& found) {
   return static_cast<double>(std::ranges::count(found.image_posed, 1)) /
@@ -408,6 +442,9 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     if (!asked) return asked.error();
     telling = *std::move(asked);
     if (telling.lens) make_as_stored((*reader)->source(), &*telling.lens);
+    if (!telling.lens && !told && zoom->last_frame < 0 && !callbacks.stopped()) {
+      telling.lens = ask_tracking(settings, (*reader)->source(), callbacks);
+    }
   }
   if (!telling.lens && !told) {
     return no_reconstruction(

@@ -19,6 +19,7 @@ struct FoundLens {
   CalibrationPrior prior;  // how far off it may be
   LensOrigin origin;
   bool told_apart = false;  // a perspective lens and one of another model were compared
+  bool is_guess = false;    // only what its map says of it is asked for
 };
 
 // Part of the images of a reconstruction that have a pose.
@@ -43,13 +44,23 @@ struct ZoomedStretch {
 };
 
 // The lens of a video without a camera file: from the first stretch of the footage that tells it well, else
-// from the one that tells it best, else from the field of view that the settings tell. Reads the input,
-// perhaps to its end. Errors: bad input, where one camera's footage is not what is given or it cannot be read
-// twice; no reconstruction, where neither footage nor settings tell the lens, with the reason, or when told
-// to stop. `zoom`, set whatever comes out: the stretch that looks as if the camera zoomed, if any; none after
-// it is read.
+// from the one that tells it best, else from the field of view that the settings tell, else from tracking.
+// Reads the input, perhaps to its end. Errors: bad input, where one camera's footage is not what is given or
+// it cannot be read twice; no reconstruction, where neither footage nor settings tell the lens, with the
+// reason, or when told to stop. `zoom`, set whatever comes out: the stretch that looks as if the camera
+// zoomed, if any; none after it is read.
 Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const TrackCallbacks& callbacks,
                             ZoomedStretch* zoom);
+
+// Of the size of the frames and as square as their pixels, its principal point in the middle. `focal`:
+// pixels.
+Camera pinhole_camera(double focal, const FrameSource& source);
+
+// The lens that maps tell which are tracked with others: from a short and a long focal length over the
+// beginning of the footage, where both end at the same. It minds rolling shutters, which find_lens() does
+// not, and needs no start without a lens. None where the two do not agree, or do not tell.
+std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const FrameSource& source,
+                                          const TrackCallbacks& callbacks);
 
 // A focal length as corners tell it on whose matching no lens had a say.
 struct CornerFocal {

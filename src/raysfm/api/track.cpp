@@ -47,6 +47,8 @@ struct Sources {
 
 // Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
 constexpr double kUsualReadout = 0.02;
+// Frames per second of footage that nobody told a rate of.
+constexpr double kUsualRate = 30;
 // Key frames of footage that is too short for the tracker to measure a zoom by the way.
 constexpr int kShort = 40;
 // The newest key frames, which are asked for the lens where the map does not tell it.
@@ -405,6 +407,17 @@ std::string start_warning(const Reconstruction& r) {
       frames);
 }
 
+// Of a shutter that was found where time stamps only count frames; else empty.
+std::string unit_warning(const Rig& rig, const Sources& sources) {
+  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
+  if (!sources.input.times_are_indices || !(sources.prior.readout > 0) ||
+      std::ranges::none_of(rig.cameras, scans)) {
+    return "";
+  }
+  return "the images have no time stamps: the readout that was found is told as if they were a second apart; "
+         "give --fps, or use its camera file with these images only";
+}
+
 // Tells a warning, and keeps it for the report; nothing where it is empty.
 void warn(const EventSink& event, const std::string& warning, std::vector<std::string>* warnings) {
   if (warning.empty()) return;
@@ -474,11 +487,18 @@ struct Aftermath {
   std::optional<LensDoubt> doubt;
 };
 
+// Where time stamps only count frames: what is told in seconds, as of footage of the usual rate.
+void count_in_frames(OdometryOptions* options) {
+  options->calibration_prior.readout *= kUsualRate;
+  options->velocity_reach *= kUsualRate;
+}
+
 // One run of the tracker, through to its result.
 Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& callbacks,
                                   TrackWatcher* watcher, RunMaps* maps, Sources* sources,
                                   Aftermath* aftermath) {
   settings.odometry.calibration_prior = sources->prior;
+  if (sources->input.times_are_indices) count_in_frames(&settings.odometry);
   Narrator narrator(callbacks.event, sources->origin);
   ObserverPair observers(&narrator, watcher);
   Result<std::unique_ptr<Tracker>> made =
@@ -514,6 +534,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
     aftermath->doubt = doubt_of_lens(out.reconstruction, keyframes, tracker.maker(), settings.odometry.seed);
   if (read->stopped) explain_interruption(&out.reconstruction);
   warn(callbacks.event, start_warning(out.reconstruction), &warnings);
+  warn(callbacks.event, unit_warning(out.reconstruction.rig, *sources), &warnings);
   out.report = make_report(settings, tracker, *sources, read->decode);
   out.report.warnings = std::move(warnings);
   out.report.interrupted = read->stopped;
@@ -627,7 +648,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (solved) return solved_instead();
   Aftermath aftermath;
   Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &aftermath);
-  if (!tracked) return tracked;
+  if (!tracked || (found && found->is_guess)) return tracked;
   if (aftermath.doubt && !callbacks.stopped()) {
     auto better = with_own_lens(given, callbacks, *sources, *aftermath.doubt, &*tracked);
     if (better) return with_costs(*std::move(better));

@@ -25,7 +25,9 @@ Result<Input> one_stream(std::string layout, Result<std::unique_ptr<FrameSource>
 
 Result<Input> images(const std::string& what, std::vector<fs::path> files, const InputOptions& options) {
   std::vector<double> timestamps = index_timestamps(files.size(), options.fps);
-  return one_stream("images", open_images(what, std::move(files), std::move(timestamps)));
+  Result<Input> input = one_stream("images", open_images(what, std::move(files), std::move(timestamps)));
+  if (input) input->times_are_indices = options.fps <= 0;
+  return input;
 }
 
 Result<Input> open_one(const std::string& name, const InputOptions& options) {

@@ -107,7 +107,10 @@ Result<void> open_streams(const std::vector<fs::path>& folders, const fs::path& 
   for (const fs::path& folder : folders) {
     Result<std::vector<fs::path>> files = list_images(folder);
     if (!files) return files.error();
-    if (timestamps.empty() && !files->empty()) timestamps = index_timestamps(files->size(), options.fps);
+    if (timestamps.empty() && !files->empty()) {
+      timestamps = index_timestamps(files->size(), options.fps);
+      input->times_are_indices = options.fps <= 0;
+    }
     if (!files->empty() && files->size() != timestamps.size()) {
       return present(times)
                  ? bad_input(fmt::format("{}: {} lines; allowed: one for each of the {} images in {}",

@@ -52,6 +52,7 @@ TEST(Layout, PlainFolderCountsOrDividesByFps) {
   ASSERT_TRUE(input) << input.error().message;
   EXPECT_EQ(input->layout, "images");
   EXPECT_FALSE(input->calibration || input->truth || input->mask);
+  EXPECT_TRUE(input->times_are_indices);
   ASSERT_EQ(input->streams.size(), 1u);
   EXPECT_EQ(input->streams[0]->width(), 32);
   EXPECT_EQ(input->streams[0]->frame_count(), 12);
@@ -69,6 +70,10 @@ TEST(Layout, PlainFolderCountsOrDividesByFps) {
   Result<Input> timed = open(folder.path(), {.fps = 4});
   ASSERT_TRUE(timed);
   EXPECT_EQ(read_all(*timed->streams[0])->at(3).timestamp, 0.75);
+  EXPECT_FALSE(timed->times_are_indices);
+  const std::string pattern_of_names = (folder.path() / "*.png").string();
+  EXPECT_TRUE(open(pattern_of_names)->times_are_indices);
+  EXPECT_FALSE(open(pattern_of_names, {.fps = 4})->times_are_indices);
 }
 
 TEST(Layout, SequenceOfOneCamera) {
@@ -89,6 +94,7 @@ TEST(Layout, SequenceOfOneCamera) {
   const auto frames = read_all(*input->streams[0]);
   ASSERT_TRUE(frames);
   EXPECT_EQ(frames->at(2).timestamp, 2.25);
+  EXPECT_FALSE(input->times_are_indices);
 }
 
 TEST(Layout, ACalibrationThatIsIgnoredMayBeBroken) {

@@ -9,9 +9,7 @@
 namespace raysfm {
 namespace {
 
-// Frames to either side that tell how fast the rig moves at one, and seconds beyond which they do not.
-constexpr int kNeighbours = 2;
-constexpr double kFarAway = 0.25;
+constexpr int kNeighbours = 2;  // frames to either side that tell how fast the rig moves at one
 
 }  // namespace
 
@@ -25,7 +23,7 @@ Velocity Odometry::velocity_of(int number, const Rigid3& rig_from_world, const R
     int found = 0;
     for (int other = number + side; other >= 0 && other < frames() && found < kNeighbours; other += side) {
       const FrameRecord& frame = frames_[other];
-      if (std::abs(frame.timestamp - here.time) > kFarAway) break;
+      if (std::abs(frame.timestamp - here.time) > options_.velocity_reach) break;
       if (frame.same_as >= 0) continue;
       ++found;
       if (next && side * found == 1) {

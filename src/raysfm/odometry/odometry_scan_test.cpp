@@ -82,6 +82,20 @@ TEST(OdometryScan, AReadoutThatNobodyToldIsFound) {
   EXPECT_LT(percent_of_path(r, views), 2 * global);
 }
 
+// Time stamps that count frames are seconds of another length.
+TEST(OdometryScan, AReadoutIsFoundInAnyUnitOfTime) {
+  constexpr double kUnits = 30;  // to a second
+  const SynthViews& views = rolling_shutter();
+  OdometryOptions options;
+  options.calibration_prior.readout = kUnits * 2 * stamped_readout(views);
+  options.velocity_reach *= kUnits;
+  Odometry odometry({{small_camera()}}, options);
+  for (int i = 0; i < views.size(); ++i) odometry.process(views.view(i, i, 0.1 * kUnits));
+  odometry.finish(false);
+  const RollingShutter found = odometry.rig().camera(0).shutter;
+  EXPECT_NEAR(found.readout / (kUnits * stamped_readout(views)), 1, 0.1);
+}
+
 TEST(OdometryScan, NoReadoutIsFoundWhereThereIsNone) {
   OdometryOptions options;
   options.calibration_prior.readout = 2 * stamped_readout(global_shutter());

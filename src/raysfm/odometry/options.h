@@ -51,6 +51,8 @@ struct OdometryOptions {
   // Key frames of a map up to which all of them stay. Beyond, where loops are closed, most of those go again
   // that saw what was known before.
   int keep_all_until = 1000;
+  // Seconds from a frame beyond which another says nothing of how fast the rig moves at it.
+  double velocity_reach = 0.25;
   bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
   FinalAdjustment final = FinalAdjustment::kGlobal;
   uint64_t seed = 0;
