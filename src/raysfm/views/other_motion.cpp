@@ -31,6 +31,8 @@ class Cells {
  public:
   struct Cell {
     int corners = 0, explained = 0;
+    int camera = 0;
+    Eigen::Vector2f pixel = Eigen::Vector2f::Zero();  // sum over the corners
   };
 
   Cells(const TrackingRig& rig, const MapKeyFrame& keyframe) {
@@ -67,6 +69,22 @@ class Cells {
   std::vector<Grid> grids_;  // by camera
 };
 
+// Whether what is far away at a pixel of a camera is still seen by a rig that turned so.
+bool stays_in_sight(const TrackingRig& rig, int camera, const Eigen::Vector2d& pixel,
+                    const Eigen::Quaterniond& to_from_rig) {
+  constexpr double kFarAway = 1e4;
+  Ray ray;
+  if (!rig.camera(camera).ray(pixel, &ray)) return true;
+  const Eigen::Vector3d direction = to_from_rig * (rig.camera(camera).rig_from_cam.rotation * ray.direction);
+  for (int c = 0; c < rig.size(); ++c) {
+    Eigen::Vector2d at;
+    if (!rig.find(c, rig.cam_from_rig(c) * (kFarAway * direction), &at)) continue;
+    const Eigen::Vector2d beyond(at.x() - rig.camera(c).width, at.y() - rig.camera(c).height);
+    if (at.minCoeff() >= 0 && beyond.maxCoeff() < 0) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 std::optional<double> unexplained_part(const Map& map, int number, const TrackingRig& rig) {
@@ -75,13 +93,25 @@ std::optional<double> unexplained_part(const Map& map, int number, const Trackin
   for (int f = 0; f < keyframe.size(); ++f) {
     Cells::Cell& cell = cells.at(keyframe.cameras[f], keyframe.pixels[f]);
     ++cell.corners;
+    cell.camera = keyframe.cameras[f];
+    cell.pixel += keyframe.pixels[f];
     cell.explained += is_explained(map, keyframe, f);
   }
+  // What a turn took out of sight could not be found again.
+  const auto left = [&](const Cells::Cell& cell) {
+    if (number + 1 >= std::ssize(map.keyframes)) return false;
+    const MapKeyFrame& next = map.keyframes[number + 1];
+    const Eigen::Vector2d pixel = (cell.pixel / static_cast<float>(cell.corners)).cast<double>();
+    return !stays_in_sight(rig, cell.camera, pixel,
+                           next.rig_from_world.rotation * keyframe.rig_from_world.rotation.conjugate());
+  };
   int judged = 0, unexplained = 0;
   for (const Cells::Cell& cell : cells.all()) {
     if (cell.corners < kCornersOfCell) continue;
+    const bool is_unexplained = cell.explained < kExplained * cell.corners;
+    if (is_unexplained && left(cell)) continue;
     ++judged;
-    unexplained += cell.explained < kExplained * cell.corners;
+    unexplained += is_unexplained;
   }
   if (judged < kCellsOfImage) return std::nullopt;
   return static_cast<double>(unexplained) / judged;

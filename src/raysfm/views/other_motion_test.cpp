@@ -63,6 +63,21 @@ TEST(OtherMotion, ThePartIsThatOfTheImage) {
   EXPECT_EQ(part_of(map_of(mixed)), 0);
 }
 
+// A turn by half of what the image shows takes half of it out of sight.
+TEST(OtherMotion, WhatLeftTheImageSaysNothing) {
+  const auto halves = [](int u, int) { return u < kSceneWidth / 2 ? Corner::kSeenOnce : Corner::kPoint; };
+  Map map = map_of(halves);
+  EXPECT_NEAR(part_of(map), 0.5, 1e-9);
+  Eigen::Vector2d centre(kSceneWidth / 2, kSceneHeight / 2), border(0, kSceneHeight / 2);
+  Ray ahead, aside;
+  ASSERT_TRUE(pinhole().camera(0).ray(centre, &ahead) && pinhole().camera(0).ray(border, &aside));
+  map.keyframes[1].rig_from_world.rotation =
+      Eigen::Quaterniond::FromTwoVectors(ahead.direction, aside.direction);
+  EXPECT_NEAR(part_of(map), 0, 0.1);
+  map.keyframes[1].rig_from_world.rotation = map.keyframes[1].rig_from_world.rotation.conjugate();
+  EXPECT_NEAR(part_of(map), 0.5, 0.1);
+}
+
 TEST(OtherMotion, FewCornersSayNothing) {
   Map map;
   map.keyframes.resize(1);
