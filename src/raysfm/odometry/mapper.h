@@ -20,6 +20,11 @@ namespace raysfm {
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
 
+// How a map follows a calibration that has changed: by two steps, where the change is small, so that these
+// come to its minimum and what was an inlier is one; by a few more once the inliers are known anew; or until
+// it converges.
+enum class Adaption { kTwoSteps, kFewSteps, kToTheEnd };
+
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };
 
@@ -59,8 +64,8 @@ class Mapper {
   void adjust_hierarchically(Map* map);
 
   // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
-  // with: in a few steps, or until a long map converges.
-  void adapt_to_cameras(int first, bool to_the_end, Map* map);
+  // with.
+  void adapt_to_cameras(int first, Adaption how, Map* map);
 
   // After an adjustment of everything: once more, by a loss that suits the noise as it is (MM estimation,
   // Yohai 1987). The unit of length stays.
