@@ -131,7 +131,7 @@ class WorldMerger {
         map_of_.push_back(maps_added_);
       }
       if (!other_rays || world.keyframes.empty()) continue;
-      mapper_.adapt_to_cameras(0, Adaption::kFewSteps, &world);
+      mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &world);
       worlds_.back().changed = true;  // adjusted in the end
     }
     ++maps_added_;
@@ -208,7 +208,7 @@ class WorldMerger {
       bring_together(*meeting);
     } else if (places_.is_confirmed(*meeting, maps())) {
       join(*meeting);
-      mapper_.adapt_to_cameras(0, Adaption::kFewSteps, &worlds_[now(here.world)].map);
+      mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &worlds_[now(here.world)].map);
     }
   }
 
@@ -217,7 +217,7 @@ class WorldMerger {
     const bool bent = is_bent(meeting, rig_, world.map);
     if (bent) straighten(meeting, rig_, &world.map);
     fuse_points(meeting.relation.points, &world.map);
-    if (bent) mapper_.adapt_to_cameras(0, Adaption::kFewSteps, &world.map);
+    if (bent) mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &world.map);
     world.changed = true;
   }
 

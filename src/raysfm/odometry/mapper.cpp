@@ -548,10 +548,10 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
-    case Adaption::kTwoSteps:
-      adjuster_.adjust_and_update(problem, kFirstAdaption, kInlierError);
+    case Adaption::kOneSeries:
+      adjuster_.adjust_and_update(problem, kAdaption, kInlierError);
       break;
-    case Adaption::kFewSteps:
+    case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
       break;
     case Adaption::kToTheEnd:

@@ -20,10 +20,9 @@ namespace raysfm {
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
 
-// How a map follows a calibration that has changed: by two steps, where the change is small, so that these
-// come to its minimum and what was an inlier is one; by a few more once the inliers are known anew; or until
-// it converges.
-enum class Adaption { kTwoSteps, kFewSteps, kToTheEnd };
+// How a map follows a calibration that has changed: in one series of a few steps with the inliers that there
+// are, where the change is small; in two, the inliers found anew in between; or until it converges.
+enum class Adaption { kOneSeries, kTwoSeries, kToTheEnd };
 
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };

@@ -37,7 +37,7 @@ void Odometry::refine_calibration(int number, bool last) {
     rig_ = TrackingRig(*better, options_.error);
     const bool is_far = refiner_.take_over();
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted),
-          last || is_far ? Adaption::kFewSteps : Adaption::kTwoSteps);
+          last || is_far ? Adaption::kTwoSeries : Adaption::kOneSeries);
     find_scale(number);
     // Where rays have different origins, lens and scale tell each other: each moves with the other.
     const bool again = is_far || !rig_.central();
