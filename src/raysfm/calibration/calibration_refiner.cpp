@@ -25,11 +25,15 @@ constexpr double kFar = 0.2;  // effect of a change after which residuals are li
 constexpr double kZoom = 0.05, kSurelyZoomed = 8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
-// Key frames in [begin, end) that see the point of a track where it is.
-int count_seen(const Map& map, int track, int begin, int end) {
-  int seen = 0;
-  for (const TrackObservation& o : map.tracks[track].observations)
-    seen += o.keyframe >= begin && o.keyframe < end && map.keyframes[o.keyframe].inliers[o.feature];
+// Of each track the observations in key frames [begin, end) that see its point where it is.
+std::vector<int> count_seen(const Map& map, int begin, int end) {
+  std::vector<int> seen(map.tracks.size(), 0);
+  for (int k = begin; k < end; ++k) {
+    const MapKeyFrame& keyframe = map.keyframes[k];
+    for (int f = 0; f < keyframe.size(); ++f) {
+      if (keyframe.tracks[f] >= 0) seen[keyframe.tracks[f]] += keyframe.inliers[f];
+    }
+  }
   return seen;
 }
 
@@ -85,14 +89,12 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
   point_of_track_.resize(map.tracks.size(), -1);
   tracks_.clear();
   std::vector<std::pair<int, int>> by_length;
-  std::vector<int> seen_of_track(map.tracks.size(), -1);
+  const std::vector<int> seen = count_seen(map, begin, end);
   for (int k = begin; k < end; ++k) {
     by_length.clear();
     for (const int t : map.keyframes[k].tracks) {
-      if (t < 0 || !map.tracks[t].triangulated || point_of_track_[t] >= 0) continue;
-      int& seen = seen_of_track[t];
-      if (seen < 0) seen = count_seen(map, t, begin, end);
-      if (seen >= kLeastSeen) by_length.push_back({-seen, t});
+      if (t < 0 || seen[t] < kLeastSeen || point_of_track_[t] >= 0 || !map.tracks[t].triangulated) continue;
+      by_length.push_back({-seen[t], t});
     }
     const int count = std::min<int>(by_length.size(), k == begin ? kPointsOfFirst : kPointsPerKeyFrame);
     std::partial_sort(by_length.begin(), by_length.begin() + count, by_length.end());

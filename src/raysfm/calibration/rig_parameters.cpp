@@ -50,6 +50,15 @@ CameraModel edited(const CameraModel& model, Edit edit) {
       model);
 }
 
+double number_of(const CameraModel& model, int index) {
+  return std::visit(
+      [&](const auto& m) -> double {
+        if constexpr (ParametricModel<std::decay_t<decltype(m)>>) return m.parameters()[index];
+        return 0;
+      },
+      model);
+}
+
 // Tangent of the angle at which the camera sees its farthest corner, at most 1.
 double rim_of(const Camera& camera) {
   double rim = 0;
@@ -79,20 +88,29 @@ double readout_along(int axis, const RollingShutter& shutter) {
   return 0;
 }
 
+bool is_of_model(RigParameters::Kind kind) {
+  using Kind = RigParameters::Kind;
+  return kind == Kind::kFocal || kind == Kind::kAspect || kind == Kind::kNumber;
+}
+
+void change_numbers(const RigParameters::Parameter& p, double value, const CameraModel& model,
+                    std::span<double> numbers) {
+  using Kind = RigParameters::Kind;
+  if (p.kind == Kind::kNumber) {
+    numbers[p.index] += value;
+  } else {
+    if (p.kind == Kind::kFocal) numbers[index_of(model, "fx")] *= std::exp(value);
+    numbers[index_of(model, "fy")] *= std::exp(value);
+  }
+}
+
+// What is not of its model.
 void change(const RigParameters::Parameter& p, double value, Camera* camera) {
   using Kind = RigParameters::Kind;
   switch (p.kind) {
     case Kind::kFocal:
-    case Kind::kAspect: {
-      const int fx = index_of(camera->model, "fx"), fy = index_of(camera->model, "fy");
-      camera->model = edited(camera->model, [&](std::span<double> numbers) {
-        if (p.kind == Kind::kFocal) numbers[fx] *= std::exp(value);
-        numbers[fy] *= std::exp(value);
-      });
-      return;
-    }
+    case Kind::kAspect:
     case Kind::kNumber:
-      camera->model = edited(camera->model, [&](std::span<double> numbers) { numbers[p.index] += value; });
       return;
     case Kind::kTurn: {
       Eigen::Quaterniond& rotation = camera->rig_from_cam.rotation;
@@ -185,10 +203,7 @@ double RigParameters::number(int i, int c, const Rig& rig) const {
     return log_so3(given_.cameras[c].rig_from_cam.rotation.conjugate() *
                    camera.rig_from_cam.rotation)[p.index];
   }
-  double value = 0;
-  const int index = p.kind == Kind::kNumber ? p.index : index_of(camera.model, name(i));
-  edited(camera.model, [&](std::span<double> numbers) { value = numbers[index]; });
-  return value;
+  return number_of(camera.model, p.kind == Kind::kNumber ? p.index : index_of(camera.model, name(i)));
 }
 
 bool RigParameters::is_like_first(int camera) const {
@@ -202,13 +217,24 @@ bool RigParameters::concerns(int i, int camera) const {
   return owner == camera || (owner == 0 && is_like_first(camera));
 }
 
+// A model is made once, which is more work than to change its numbers.
 Rig RigParameters::rig(const Eigen::VectorXd& values) const {
   Rig rig = given_;
-  for (int i = 0; i < size(); ++i) {
-    if (values[i] == 0) continue;
-    for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
-      if (concerns(i, c)) change(parameters_[i], values[i], &rig.cameras[c]);
+  for (int c = 0; c < static_cast<int>(rig.cameras.size()); ++c) {
+    std::vector<int> of_model;
+    for (int i = 0; i < size(); ++i) {
+      if (values[i] == 0 || !concerns(i, c)) continue;
+      if (is_of_model(parameters_[i].kind)) {
+        of_model.push_back(i);
+      } else {
+        change(parameters_[i], values[i], &rig.cameras[c]);
+      }
     }
+    if (of_model.empty()) continue;
+    const CameraModel& given = given_.cameras[c].model;
+    rig.cameras[c].model = edited(given, [&](std::span<double> numbers) {
+      for (const int i : of_model) change_numbers(parameters_[i], values[i], given, numbers);
+    });
   }
   return rig;
 }

@@ -131,7 +131,7 @@ class WorldMerger {
         map_of_.push_back(maps_added_);
       }
       if (!other_rays || world.keyframes.empty()) continue;
-      mapper_.adapt_to_cameras(0, false, &world);
+      mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &world);
       worlds_.back().changed = true;  // adjusted in the end
     }
     ++maps_added_;
@@ -149,7 +149,7 @@ class WorldMerger {
       World& world = worlds_[w];
       if (world.map.keyframes.empty()) continue;
       if (world.changed) {
-        mapper_.adapt_to_cameras(0, true, &world.map);
+        mapper_.adapt_to_cameras(0, Adaption::kToTheEnd, &world.map);
         mapper_.measure_scale(ScaleEffort::kFull, &world.map);
       }
       number[w] = static_cast<int>(out.worlds.size());
@@ -208,7 +208,7 @@ class WorldMerger {
       bring_together(*meeting);
     } else if (places_.is_confirmed(*meeting, maps())) {
       join(*meeting);
-      mapper_.adapt_to_cameras(0, false, &worlds_[now(here.world)].map);
+      mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &worlds_[now(here.world)].map);
     }
   }
 
@@ -217,7 +217,7 @@ class WorldMerger {
     const bool bent = is_bent(meeting, rig_, world.map);
     if (bent) straighten(meeting, rig_, &world.map);
     fuse_points(meeting.relation.points, &world.map);
-    if (bent) mapper_.adapt_to_cameras(0, false, &world.map);
+    if (bent) mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &world.map);
     world.changed = true;
   }
 

@@ -540,15 +540,21 @@ void Mapper::adjust_locally(Map* map) {
       kFirstSteps, kLocalAdjustment, map);
 }
 
-void Mapper::adapt_to_cameras(int first, bool to_the_end, Map* map) {
+void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   for (MapKeyFrame& k : map->keyframes) renew_rays(rig_, &k);
   gather(map, std::max(0, first - options_.window), first);
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
-  if (to_the_end) {
-    adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
-  } else {
-    adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
+  switch (how) {
+    case Adaption::kOneSeries:
+      adjuster_.adjust_and_update(problem, kAdaption, kInlierError);
+      break;
+    case Adaption::kTwoSeries:
+      adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
+      break;
+    case Adaption::kToTheEnd:
+      adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
+      break;
   }
   scatter(first, map);
   if (first == 0) release_scratch(*map);

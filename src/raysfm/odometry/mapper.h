@@ -20,6 +20,10 @@ namespace raysfm {
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
 
+// How a map follows a calibration that has changed: in one series of a few steps with the inliers that there
+// are, where the change is small; in two, the inliers found anew in between; or until it converges.
+enum class Adaption { kOneSeries, kTwoSeries, kToTheEnd };
+
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };
 
@@ -59,8 +63,8 @@ class Mapper {
   void adjust_hierarchically(Map* map);
 
   // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
-  // with: in a few steps, or until a long map converges.
-  void adapt_to_cameras(int first, bool to_the_end, Map* map);
+  // with.
+  void adapt_to_cameras(int first, Adaption how, Map* map);
 
   // After an adjustment of everything: once more, by a loss that suits the noise as it is (MM estimation,
   // Yohai 1987). The unit of length stays.

@@ -252,9 +252,9 @@ class Odometry {
   static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
-  void adapt(int segment, int first_keyframe);
+  void adapt(int segment, int first_keyframe, Adaption how = Adaption::kTwoSeries);
   void find_scale(int number);
-  void adjust_from(int segment, int first_keyframe, bool to_the_end);
+  void adjust_from(int segment, int first_keyframe, Adaption how);
   std::vector<Rigid3> poses_of(int segment) const;
   void carry_frames(int segment, const std::vector<Rigid3>& before);
   void accept(const ViewPtr& view, Localisation pose);

@@ -37,9 +37,10 @@ void Odometry::refine_calibration(int number, bool last) {
     if (!better) return;
     ++calibration_;
     rig_ = TrackingRig(*better, options_.error);
-    adapt(number, last ? 0 : std::max(0, keyframes - kAdapted));
-    if (all) find_scale(number);
     const bool is_far = refiner_.take_over();
+    adapt(number, last ? 0 : std::max(0, keyframes - kAdapted),
+          last || is_far ? Adaption::kTwoSeries : Adaption::kOneSeries);
+    if (all) find_scale(number);
     // Where rays have different origins, lens and scale tell each other: each moves with the other.
     const bool again = is_far || (all && !rig_.central());
     observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
@@ -68,19 +69,19 @@ std::optional<SeenZoom> Odometry::lens_change() {
 }
 
 // Map, views and frames of a world as the present calibration has them, from a key frame on.
-void Odometry::adapt(int number, int first_keyframe) {
+void Odometry::adapt(int number, int first_keyframe, Adaption how) {
   SegmentState& s = segments_[number];
   const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
   correct_scans(number, first_keyframe);
-  adjust_from(number, first_keyframe, first_keyframe == 0 && is_long);
+  adjust_from(number, first_keyframe, first_keyframe == 0 && is_long ? Adaption::kToTheEnd : how);
   for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
   if (first_keyframe == 0) s.calibration = calibration_;
 }
 
 // The key frames of a world from one on, and what hangs on them.
-void Odometry::adjust_from(int number, int first_keyframe, bool to_the_end) {
+void Odometry::adjust_from(int number, int first_keyframe, Adaption how) {
   const std::vector<Rigid3> before = poses_of(number);
-  mapper_.adapt_to_cameras(first_keyframe, to_the_end, &segments_[number].map);
+  mapper_.adapt_to_cameras(first_keyframe, how, &segments_[number].map);
   carry_frames(number, before);
 }
 

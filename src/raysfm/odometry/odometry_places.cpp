@@ -198,7 +198,7 @@ void Odometry::rehang_frames(std::span<const uint8_t> goes) {
 // points; the rest is done at the end.
 void Odometry::adjust_all() {
   if (segment().map.keyframes.size() <= kLargeMap) {
-    adjust_from(active_, 0, false);
+    adjust_from(active_, 0, Adaption::kTwoSeries);
   } else {
     const std::vector<Rigid3> before = poses_of(active_);
     mapper_.adjust_thinned(&segment().map);

@@ -260,20 +260,15 @@ double cost_of(const ThreeViewStart& start, const MotionRansac& motions) {
   return motions.score(motion_of(start), std::numeric_limits<double>::infinity()).cost;
 }
 
-// One search, what came of it refined and judged.
-void search_motion(const ThreeViewBearings& bearings, const ThreeViewOptions& options,
-                   const RansacOptions& search, MotionRansac* motions, ThreeViewStart* start) {
-  ThreeViewMotion motion;
-  const RansacReport report = ransac(*motions, search, &motion);
-  start->iterations = report.iterations;
-  if (report.found()) {
-    std::vector<int> inliers;
-    motions->collect_inliers(motion, &inliers);
-    if (inliers.size() >= 5) {
-      motion = best_of_two(bearings, inliers, *motions, motion, &start->rival_cost);
-    }
-    polish(bearings, options.max_error, motion, start);
+// What came of a search, refined and judged.
+void judge(const ThreeViewBearings& bearings, const ThreeViewOptions& options, ThreeViewMotion motion,
+           const MotionRansac& motions, ThreeViewStart* start) {
+  std::vector<int> inliers;
+  motions.collect_inliers(motion, &inliers);
+  if (inliers.size() >= 5) {
+    motion = best_of_two(bearings, inliers, motions, motion, &start->rival_cost);
   }
+  polish(bearings, options.max_error, motion, start);
   start->problem = diagnose(*start, bearings.size(), options);
 }
 
@@ -304,11 +299,22 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
 
   MotionRansac motions(bearings, options.max_error);
   const ThreeViewStart empty = start;
-  search_motion(bearings, options, search, &motions, &start);
+  ThreeViewMotion motion;
+  RansacReport report = ransac(motions, search, &motion);
+  start.iterations = report.iterations;
+  if (!report.found()) {
+    start.problem = diagnose(start, count, options);
+    return start;
+  }
+  judge(bearings, options, motion, motions, &start);
   for (int k = 1; k < options.searches && start.ok(); ++k) {
     search.seed += kOtherSeed;
+    report = ransac(motions, search, &motion);
+    // What was found where the first is would come to the same.
+    if (!report.found() || !differ(motion, motion_of(start))) continue;
     ThreeViewStart other = empty;
-    search_motion(bearings, options, search, &motions, &other);
+    other.iterations = report.iterations;
+    judge(bearings, options, motion, motions, &other);
     if (differ(motion_of(other), motion_of(start)) && cost_of(other, motions) < cost_of(start, motions))
       start = std::move(other);
   }
