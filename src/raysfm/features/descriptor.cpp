@@ -233,8 +233,8 @@ Descriptor describe_at(const GrayView& image, int x, int y) {
 const GrayImage& Describer::smooth(const Octaves& picture, int octave) {
   GrayImage& padded = smooth_[octave];
   if (!padded.empty()) return padded;
-  blur3(picture.at(octave), &once_);
-  blur3(once_, &twice_);
+  blur3(picture.at(octave), kBinomial, &once_);
+  blur3(once_, kBinomial, &twice_);
   const int width = twice_.width(), height = twice_.height();
   padded = GrayImage(width + 2 * kMargin, height + 2 * kMargin);
   for (int y = 0; y < padded.height(); ++y) {

@@ -28,8 +28,7 @@ class Octaves {
  public:
   Octaves() = default;
   // Keeps `image` where octave 0 is needed. The first octave is the finest of at most `max_pixels` pixels in
-  // which edges are no wider than kSoftEdge (sharpness.h). An image that is mostly noise (image/noise.h) is
-  // blurred first.
+  // which edges are no wider than kSoftEdge (sharpness.h). Noise is subdued first (image/noise.h).
   Octaves(GrayImage image, int max_pixels);
 
   // edge_width() of the first octave, in its pixels; 0 where nothing tells it.

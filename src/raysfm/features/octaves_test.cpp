@@ -4,6 +4,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "raysfm/image/noise.h"
 #include "raysfm/image/pyramid.h"
 #include "support/cv_header.h"
 #include "support/soft_edges.h"
@@ -99,6 +100,20 @@ TEST(Octaves, AreThoseOfABlurredImageWhereItIsNoisy) {
               blurred ? 1 : 0)
         << noise;
   }
+}
+
+// Where the finest are left out for their size, the noise is told, and taken, in the first that is used.
+TEST(Octaves, NoiseIsThatOfTheFirst) {
+  GrayImage half;
+  half_sample(noisy_board(12), &half);
+  const cv::Mat before = header(half).clone();
+  subdue_noise(&half);
+  const Octaves octaves(noisy_board(12), 320 * 240);
+  ASSERT_EQ(octaves.first(), 1);
+  const GrayView view = octaves.at(1);
+  const cv::Mat found(view.height, view.width, CV_8UC1, const_cast<uint8_t*>(view.row(0)), view.stride);
+  EXPECT_EQ(cv::norm(found, header(half), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(found, before, cv::NORM_INF), 0);
 }
 
 TEST(Octaves, HaveNoMorePixelsThanWanted) {

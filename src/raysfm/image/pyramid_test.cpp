@@ -74,7 +74,7 @@ TEST(Blur, IsTheBinomialFilterOfOpenCv) {
     cv::sepFilter2D(as_mat(image), sums, CV_32F, kernel, kernel, {-1, -1}, 0, cv::BORDER_REPLICATE);
     for_each_instruction_set([&](const char* name) {
       GrayImage blurred;
-      blur3(image.view(), &blurred);
+      blur3(image.view(), kBinomial, &blurred);
       for (int y = 0; y < height; ++y) {
         for (int x = 0; x < width; ++x) {
           ASSERT_EQ(blurred.row(y)[x], std::floor(sums.at<float>(y, x) + 0.5f))
@@ -85,9 +85,32 @@ TEST(Blur, IsTheBinomialFilterOfOpenCv) {
   }
 }
 
+// Narrower ones, to the rounding of the two directions one after the other.
+TEST(Blur, IsNarrowerWithASmallerSide) {
+  for (const auto& [width, height] : {std::pair{640, 48}, {65, 7}, {5, 1}, {1, 5}}) {
+    GrayImage image = random_image(width, height, 6);
+    for (const int side : {0, 1, 20, 63}) {
+      const float s = static_cast<float>(side) / 256;
+      const cv::Mat kernel = (cv::Mat_<float>(1, 3) << s, 1 - 2 * s, s);
+      cv::Mat expected;
+      cv::sepFilter2D(as_mat(image), expected, CV_32F, kernel, kernel, {-1, -1}, 0, cv::BORDER_REPLICATE);
+      for_each_instruction_set([&](const char* name) {
+        GrayImage blurred;
+        blur3(image.view(), side, &blurred);
+        for (int y = 0; y < height; ++y) {
+          for (int x = 0; x < width; ++x) {
+            ASSERT_NEAR(blurred.row(y)[x], expected.at<float>(y, x), 0.55)
+                << name << ' ' << side << ' ' << x << ' ' << y;
+          }
+        }
+      });
+    }
+  }
+}
+
 TEST(Blur, EmptyImage) {
   GrayImage blurred;
-  blur3(GrayView{}, &blurred);
+  blur3(GrayView{}, kBinomial, &blurred);
   EXPECT_TRUE(blurred.empty());
 }
 
