@@ -465,6 +465,17 @@ class Others(PythonTest):
                               capture_output=True, env={**os.environ, "PYTHONPATH": PACKAGE})
         self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1), done.stderr)
 
+    # numpy takes longer to load than the rest: who needs no array does not wait for it.
+    def test_a_file_is_tracked_without_numpy(self):
+        code = ("import sys, raysfm\n"
+                "tracker = raysfm.Tracker(raysfm.load_cameras(sys.argv[2]))\n"
+                "for view in tracker.views(sys.argv[1]): tracker.push(view)\n"
+                "tracker.finish().write(sys.argv[3])\n"
+                "print([name for name in ('numpy', 'typing', 'tempfile') if name in sys.modules])\n")
+        done = subprocess.run([sys.executable, "-c", code, STREET, STREET / "camera.yaml", self.folder / "out"], text=True,
+                              capture_output=True, env={**os.environ, "PYTHONPATH": PACKAGE})
+        self.assertEqual((done.returncode, done.stderr, done.stdout), (0, "", "[]\n"))
+
     def test_stubs_have_what_the_module_has(self):
         stubs = ast.parse((ROOT / "python/raysfm/_raysfm.pyi").read_text())
         module = raysfm._raysfm

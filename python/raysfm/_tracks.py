@@ -1,14 +1,17 @@
-"""Point tracks in arrays."""
+"""Point tracks in arrays.
+
+What this needs is imported where it is needed: numpy and its types take longer to load than the rest of the package,
+and who tracks a file may never use an array.
+"""
 from __future__ import annotations
 
-import pathlib
-import tempfile
-from typing import Any
-
-import numpy
-from numpy.typing import ArrayLike, NDArray
-
 from ._raysfm import Run, solve
+
+TYPE_CHECKING = False  # true for whoever checks types, without the time that `typing` takes
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
 
 
 def solve_tracks(images: ArrayLike, points: ArrayLike, pixels: ArrayLike, *, size: tuple[int, int],
@@ -18,6 +21,9 @@ def solve_tracks(images: ArrayLike, points: ArrayLike, pixels: ArrayLike, *, siz
     `images` and `points` are (n,) whole numbers, `pixels` is (n, 2), `size` the (width, height) of the images.
     `structure`, where positions are known, is an array (m, 3) that points[k] is an index into. Else as solve().
     """
+    import pathlib
+    import tempfile
+
     image, point = _whole(images, "images"), _whole(points, "points")
     pixel = _real(pixels, "pixels", 2)
     if not len(image) == len(point) == len(pixel):
@@ -36,6 +42,8 @@ def solve_tracks(images: ArrayLike, points: ArrayLike, pixels: ArrayLike, *, siz
 
 
 def _whole(values: ArrayLike, name: str) -> NDArray[Any]:
+    import numpy
+
     array = numpy.asarray(values)
     if array.dtype.kind not in "iu":
         raise TypeError(f"{name}: dtype {array.dtype} is not allowed, whole numbers are")
@@ -45,6 +53,8 @@ def _whole(values: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _real(values: ArrayLike, name: str, columns: int) -> NDArray[Any]:
+    import numpy
+
     array = numpy.asarray(values)
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name}: dtype {array.dtype} is not allowed, real numbers are")

@@ -194,11 +194,23 @@ class PieceJoiner {
     return {frame_of(place).world_from_rig.has_value(), std::min(place.frame, count - 1 - place.frame)};
   }
 
+  // The name of a frame's image; those of a video are numbered by their piece.
+  std::string joined_name(const FramePlace& place, size_t number) const {
+    const std::string& name = frame_of(place).image_name;
+    return name == fmt::format("frame-{:06}", place.frame) ? fmt::format("frame-{:06}", number) : name;
+  }
+
+  // A result has the names of its key frames alone: the piece that a frame comes from may know none.
+  void name_keyframe(int piece, double timestamp, int number) {
+    std::string& name = out_.frames[number].image_name;
+    if (!name.empty()) return;
+    const int frame = static_cast<int>(posed_at(piece, timestamp) - pieces_[piece].result.frames.data());
+    name = joined_name({timestamp, piece, frame}, number);
+  }
+
   PosedFrame moved_frame(const FramePlace& place) const {
     PosedFrame frame = frame_of(place);
-    if (frame.image_name == fmt::format("frame-{:06}", place.frame)) {  // of a video: numbered by its piece
-      frame.image_name = fmt::format("frame-{:06}", out_.frames.size());
-    }
+    frame.image_name = joined_name(place, out_.frames.size());
     if (!frame.world_from_rig) return frame;
     const std::vector<Anchor>& anchors = anchors_[place.piece][frame.segment];
     if (anchors.empty()) {
@@ -292,6 +304,8 @@ class PieceJoiner {
         // A frame of two pieces may have been a key frame of both.
         const int frame = number_of(world.sources[k].timestamp);
         const bool here = frame >= 0 && out_.frames[frame].segment == segment_of_[w];
+        if (here)
+          name_keyframe(piece_of_map_[merged_.map_of_keyframe[w][k]], world.sources[k].timestamp, frame);
         maps.back().keyframes[k].frame = here && !std::exchange(taken[frame], 1) ? frame : -1;
       }
     }

@@ -78,6 +78,23 @@ TEST(JoinPieces, EveryFrameIsThereOnceInOneWorld) {
   EXPECT_TRUE(check_saved_map(joined->map));
 }
 
+// A result that was read back has the names of its key frames alone; those of the joined one may come from
+// the piece of which the frame does not.
+TEST(JoinPieces, EveryKeyFrameHasAName) {
+  std::vector<VideoPiece> read_back = pieces();
+  for (VideoPiece& piece : read_back) {
+    std::vector<uint8_t> is_keyframe(piece.result.frames.size(), 0);
+    for (const KeyFrame& k : piece.result.keyframes) is_keyframe[k.frame] = 1;
+    for (size_t f = 0; f < is_keyframe.size(); ++f) {
+      if (!is_keyframe[f]) piece.result.frames[f].image_name.clear();
+    }
+  }
+  const Result<JoinedPieces> joined = join_pieces(read_back, 0);
+  ASSERT_TRUE(joined) << joined.error().message;
+  for (const KeyFrame& k : joined->result.keyframes)
+    EXPECT_EQ(joined->result.frames[k.frame].image_name, fmt::format("frame-{:06}", k.frame));
+}
+
 // A piece in another unit, turned and shifted, comes out the same, its covariances too.
 TEST(JoinPieces, TheFrameAndUnitOfAPieceDoNotMatter) {
   const Result<JoinedPieces> joined = join_pieces(pieces(), 0);
