@@ -84,7 +84,7 @@ struct Input {
   std::string layout;
   std::optional<std::filesystem::path> truth;  // trajectory found beside the images
   std::optional<std::filesystem::path> mask;   // mask.png found beside the images
-  bool times_are_indices = false;              // timestamps count frames: nothing tells how far apart they are
+  bool times_are_indices = false;  // timestamps count frames: nothing tells how far apart they are
 };
 
 // The rig for streams that are open: sizes that the camera file did not say are taken from the streams. With

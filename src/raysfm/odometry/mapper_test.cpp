@@ -378,7 +378,7 @@ TEST(AdjustToNoise, MatchesThatAreWrongByLittleBendNothing) {
   const TrackingRig rig(drive.rig);
   const OdometryOptions options;
   Mapper mapper(rig, options);
-  mapper.adapt_to_cameras(0, true, &drive.map);
+  mapper.adapt_to_cameras(0, Adaption::kToTheEnd, &drive.map);
   const double before = test::position_error(drive);
   mapper.adjust_to_noise(&drive.map);
   EXPECT_LT(test::position_error(drive), 0.3 * before);
