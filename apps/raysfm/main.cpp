@@ -126,8 +126,8 @@ int main(int argc, char** argv) {
   // their size, 400 MiB of them over 40 panoramas of 29 megapixels.
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   // What one frame frees the next one takes: given back to the system in between, its pages would have to be
-  // brought in anew.
-  mallopt(M_TRIM_THRESHOLD, 16 << 20);
+  // brought in anew. Of 3840 pixels across, half an image is 3 MiB.
+  mallopt(M_TRIM_THRESHOLD, 4 << 20);
   // A limit of file sizes is an error of writing like a full disk.
   std::signal(SIGXFSZ, SIG_IGN);
   usual_end = std::set_terminate(on_terminate);
