@@ -168,9 +168,14 @@ bool may_tell_other_lens(const PointTracks& tracks, const SolveOptions& options)
   return name.empty() || name == "pure translation";
 }
 
+// The image whose lens stands for all.
+size_t first_posed(const UncalibratedReconstruction& found) {
+  return std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+}
+
 // How far the principal point is from the middle, as a part of the image's larger side.
 double centre_aside(const UncalibratedReconstruction& found, const PointTracks& tracks) {
-  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+  const size_t image = first_posed(found);
   const Lens& lens = found.scene.lenses[image];
   const Eigen::Vector2d middle = 0.5 * (tracks.image_size - Eigen::Vector2d::Ones());
   return (Eigen::Vector2d(lens.cx, lens.cy) - middle).norm() / tracks.image_size.maxCoeff();
@@ -381,7 +386,7 @@ double posed_share(const UncalibratedReconstruction& found) {
 
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed) {
-  const auto image = std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
+  const size_t image = first_posed(found);
   const CalibrationPrior prior = prior_of(found, static_cast<int>(image), tracks, posed);
   FoundLens lens{frame_lens(found.scene.lenses[image], found.radial).camera, prior, {}};
   lens.camera.name = "camera";
@@ -472,7 +477,7 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
   options.seed = seed;
   const auto found = reconstruct(tracks, options);
   if (!found || !found->degenerate.empty() || found->lens_sigma.empty()) return std::nullopt;
-  const auto image = std::ranges::find(found->image_posed, 1) - found->image_posed.begin();
+  const size_t image = first_posed(*found);
   if (std::ranges::count(found->image_posed, 1) < kLeastViews) return std::nullopt;
   const double focal = found->scene.lenses[image].fx, sigma = found->lens_sigma[image][0];
   const double width = tracks.image_size.x();
