@@ -78,9 +78,7 @@ bool stays_in_sight(const TrackingRig& rig, int camera, const Eigen::Vector2d& p
   const Eigen::Vector3d direction = to_from_rig * (rig.camera(camera).rig_from_cam.rotation * ray.direction);
   for (int c = 0; c < rig.size(); ++c) {
     Eigen::Vector2d at;
-    if (!rig.find(c, rig.cam_from_rig(c) * (kFarAway * direction), &at)) continue;
-    const Eigen::Vector2d beyond(at.x() - rig.camera(c).width, at.y() - rig.camera(c).height);
-    if (at.minCoeff() >= 0 && beyond.maxCoeff() < 0) return true;
+    if (rig.see(c, rig.cam_from_rig(c) * (kFarAway * direction), &at)) return true;
   }
   return false;
 }
