@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raysfm/geometry/pose.h"
+#include "raysfm/robust/three_view_kernel.h"
 
 namespace raysfm {
 
@@ -26,8 +27,7 @@ double inverse_distance(const Eigen::Matrix3d& cam2_from_cam0_rotation, const Ei
                         const Eigen::Vector3d& b0, const Eigen::Vector3d& b2);
 
 // Least sum of squared tangents of the angles in the three views, over both poses (11 parameters, the scale
-// held by |t2| = 1) and the points. A point is a direction and an inverse distance in view 0, so that
-// points at infinity do not hurt; the points are eliminated. Keeps its buffers from call to call.
+// held by |t2| = 1) and the points, which are eliminated. Keeps its buffers from call to call.
 class ThreeViewRefiner {
  public:
   // Levenberg-Marquardt on the matches `active` from *motion. Returns the sum of squares, which never rises;
@@ -36,22 +36,9 @@ class ThreeViewRefiner {
                 ThreeViewMotion* motion);
 
  private:
-  struct Point {
-    std::array<Eigen::Vector3d, 3> bearings;
-    std::array<Eigen::Matrix<double, 2, 3>, 3> tangents;  // rows orthogonal to the bearing
-    Eigen::Vector3d direction;
-    double inverse_distance;
-    // Of the last linearisation, to follow a step of the poses.
-    Eigen::Matrix<double, 3, 11> by_poses;
-    Eigen::Matrix3d inverse_hessian;
-    Eigen::Vector3d gradient;
-  };
   void start(const ThreeViewBearings& bearings, std::span<const int> active, const ThreeViewMotion& motion);
-  void linearise(const ThreeViewMotion& motion, double damping, Eigen::Matrix<double, 11, 11>* hessian,
-                 Eigen::Matrix<double, 11, 1>* gradient);
-  double cost(const ThreeViewMotion& motion, const std::vector<Point>& points) const;
 
-  std::vector<Point> points_, moved_;
+  std::vector<ThreeViewPoints> points_;
 };
 
 }  // namespace raysfm
