@@ -8,6 +8,7 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "raysfm/calibration/calibration_refiner.h"
@@ -178,7 +179,7 @@ class WorldMerger {
   // `numbers` say how the present cameras were refined, and then how they are. None: nobody was to.
   void refine_cameras(std::vector<CalibrationNumber>* numbers) {
     size_t most = 0;
-    for (const World& world : worlds_) most = std::max(most, world.map.keyframes.size());
+    for (const World& world : worlds_) most = std::max(most, count_images(world.map));
     if (numbers->empty() || most < kGrowth * most_added_) return;
     CalibrationRefiner refiner(refined_rig(rig_.rig(), *numbers));
     use_cameras(refiner.rig());
@@ -247,6 +248,13 @@ class WorldMerger {
       mapper_.measure_scale(ScaleEffort::kFull, &world.map);
       world.changed = false;
     }
+  }
+
+  // An image that is a key frame of two maps tells what it shows once.
+  size_t count_images(const Map& map) const {
+    std::set<double> timestamps;
+    for (const MapKeyFrame& k : map.keyframes) timestamps.insert(sources_[k.frame].timestamp);
+    return timestamps.size();
   }
 
   // The world that a world is part of.
