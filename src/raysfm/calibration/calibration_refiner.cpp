@@ -46,6 +46,11 @@ CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, con
   choice_ = choose_calibration(parameters_, CalibrationEvidence::nothing(values_));
 }
 
+CalibrationRefiner::CalibrationRefiner(const RefinedRig& present)
+    : CalibrationRefiner(present.given, LensRefinement::kAuto) {
+  values_ = present.values;
+}
+
 int CalibrationRefiner::measured_until(int world) const {
   int end = 0;
   for (const Stretch& s : stretches_) {
@@ -177,11 +182,9 @@ void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& m
   }
 }
 
-// What other worlds said of a calibration that was far from this one does not count.
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
                                        std::span<const uint8_t> left_out, const VelocityOf& velocity_of) {
-  const bool was_far = choice_.effect > kFar;
-  std::erase_if(stretches_, [&](const Stretch& s) { return was_far || s.world == world; });
+  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
   measure(rig, world, map, left_out, velocity_of);
 }
 
@@ -272,10 +275,13 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
   return std::nullopt;
 }
 
+// What was said of a calibration that was far from the new one does not count.
 bool CalibrationRefiner::take_over() {
   values_ = choice_.values;
   contradicts_ = choice_.contradicts;
-  return choice_.effect > kFar;
+  const bool is_far = choice_.effect > kFar;
+  if (is_far) stretches_.clear();
+  return is_far;
 }
 
 // Standard deviation of an unknown from where it is now. One that is kept, though another is likelier by less

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raysfm/calibration/calibration_choice.h"
+#include "raysfm/calibration/refined_rig.h"
 #include "raysfm/core/archive.h"
 #include "raysfm/scene/map.h"
 #include "raysfm/scene/reconstruction.h"
@@ -32,6 +33,8 @@ struct FocalChange {
 class CalibrationRefiner {
  public:
   CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior = {});
+  // Goes on from what others made of a calibration.
+  explicit CalibrationRefiner(const RefinedRig& present);
 
   // Whether a world has much that was not measured, or was at another scale; `last` when no more will come.
   bool is_due(int world, const Map& map, bool last) const;

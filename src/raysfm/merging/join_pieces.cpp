@@ -74,7 +74,7 @@ class PieceJoiner {
     std::vector<NamedMap> maps;
     for (size_t p = 0; p < pieces_.size(); ++p) {
       if (posed_count(pieces_[p].result) == 0) continue;
-      maps.push_back({pieces_[p].name, std::exchange(pieces_[p].map, {})});
+      maps.push_back({pieces_[p].name, std::exchange(pieces_[p].map, {}), pieces_[p].result.calibration});
       piece_of_map_.push_back(static_cast<int>(p));
     }
     if (maps.empty()) return no_reconstruction("no frame of any piece has a pose");
@@ -286,7 +286,7 @@ class PieceJoiner {
 
   void fill_map() {
     out_.rig = merged_.map.rig;
-    out_.calibration = pieces_[piece_of_map_[merged_.cameras_of]].result.calibration;
+    out_.calibration = merged_.calibration;
     for (size_t p = 0; p < pieces_.size(); ++p) {
       for (Closure closure : pieces_[p].result.closures) {
         closure.frame = joined_number(static_cast<int>(p), closure.frame);

@@ -26,8 +26,9 @@ const SynthViews& way() {
 }
 
 // What a run over frames [first, end) gives, and the map that it leaves; timestamps are those of the whole.
-VideoPiece piece_of(int first, int end) {
-  Odometry odometry(Rig{{small_camera()}}, {});
+VideoPiece piece_of(int first, int end, const Camera& camera = small_camera(),
+                    LensRefinement how = LensRefinement::kAuto) {
+  Odometry odometry(Rig{{camera}}, {.refine_lens = how});
   for (int i = first; i < end; ++i) odometry.process(way().view(i, i - first));
   std::vector<Map> maps;
   VideoPiece piece{"from " + std::to_string(first), odometry.finish(false, &maps), {}};
@@ -37,6 +38,7 @@ VideoPiece piece_of(int first, int end) {
     frame.image_name = fmt::format("frame-{:06}", i - first);
   }
   piece.map = saved_maps(std::move(maps), first);
+  piece.map.rig = piece.result.rig;
   return piece;
 }
 
@@ -151,19 +153,56 @@ TEST(JoinPieces, CommonFramesAreEnough) {
   EXPECT_LT(percent_of_path(three->result), 0.3);
 }
 
-// Each piece refines its camera on what it sees; the first did that worst.
+Camera with_focal(double factor) {
+  Camera camera = small_camera();
+  auto p = std::get<Radtan>(camera.model).parameters();
+  p[0] *= factor;
+  p[1] *= factor;
+  camera.model = Radtan::from_parameters(p);
+  return camera;
+}
+
+double focal_length(const Rig& rig) {
+  return std::get<Radtan>(rig.cameras[0].model).parameters()[0];
+}
+
+// The first has another lens, and nobody is to refine it.
 TEST(JoinPieces, TheMostTypicalCamerasAreTaken) {
-  std::vector<VideoPiece> three = {piece_of(0, 50), piece_of(40, 90), piece_of(80, kFrames)};
-  auto p = std::get<Radtan>(small_camera().model).parameters();
-  p[0] *= 1.1;
-  p[1] *= 1.1;
-  three[0].map.rig.cameras[0].model = Radtan::from_parameters(p);
-  const Result<JoinedPieces> joined = join_pieces(three, 0);
+  constexpr LensRefinement kOff = LensRefinement::kOff;
+  const Result<JoinedPieces> joined =
+      join_pieces({piece_of(0, 50, with_focal(1.1), kOff), piece_of(30, 90, small_camera(), kOff),
+                   piece_of(70, kFrames, small_camera(), kOff)},
+                  0);
   ASSERT_TRUE(joined) << joined.error().message;
   EXPECT_EQ(joined->result.segments.size(), 1u);
-  const auto taken = std::get<Radtan>(joined->result.rig.cameras[0].model).parameters();
-  EXPECT_EQ(taken, std::get<Radtan>(small_camera().model).parameters());
+  EXPECT_EQ(focal_length(joined->result.rig), focal_length({{small_camera()}}));
+  EXPECT_TRUE(joined->result.calibration.empty());
   EXPECT_LT(percent_of_path(joined->result), 0.3);
+}
+
+// A lens that is given 2 % too long, and of which no piece saw enough to change it.
+TEST(JoinPieces, CamerasAreRefinedOnWhatAllPiecesSaw) {
+  std::vector<VideoPiece> four;
+  for (const int first : {0, 26, 54, 82}) {
+    VideoPiece& piece = four.emplace_back(
+        piece_of(first, std::min(kFrames, first + 38), with_focal(1.02), LensRefinement::kOff));
+    const double given = focal_length(piece.map.rig);
+    piece.result.calibration = {{0, "fx", given, given}, {0, "readout_down", 0, 0.01}};
+  }
+  const double exact = focal_length({{small_camera()}});
+  const Result<JoinedPieces> joined = join_pieces(four, 0);
+  ASSERT_TRUE(joined) << joined.error().message;
+  ASSERT_EQ(joined->result.segments.size(), 1u);
+  EXPECT_NEAR(focal_length(joined->result.rig), exact, 0.004 * exact);
+  ASSERT_EQ(joined->result.calibration.size(), 2u);
+  EXPECT_EQ(joined->result.calibration[0].refined, focal_length(joined->result.rig));
+  EXPECT_NEAR(joined->result.calibration[0].given, focal_length({{with_focal(1.02)}}), 1e-9 * exact);
+  EXPECT_EQ(joined->result.calibration[1].refined, 0.01);
+  // Nobody was to refine them.
+  for (VideoPiece& piece : four) piece.result.calibration.clear();
+  const Result<JoinedPieces> kept = join_pieces(four, 0);
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(focal_length(kept->result.rig), focal_length({{with_focal(1.02)}}));
 }
 
 TEST(JoinPieces, WithoutACommonFrameOrPlaceTheyStayApart) {

@@ -3,14 +3,19 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 
+#include "raysfm/calibration/calibration_refiner.h"
+#include "raysfm/calibration/refined_rig.h"
+#include "raysfm/geometry/point_alignment.h"
 #include "raysfm/geometry/similarity.h"
-#include "raysfm/merging/known_view.h"
+#include "raysfm/merging/common_points.h"
 #include "raysfm/odometry/mapper.h"
 #include "raysfm/places/place_memory.h"
 
@@ -20,9 +25,10 @@ namespace {
 // By how much cameras may differ to be the same, refined on other footage: rays by a part of the image's
 // width, places in the rig by a part of its extent.
 constexpr double kMostRayChange = 0.01, kMostPlaceChange = 0.05;
-// Key frames of a world about the time of a known view, and views by which worlds that were joined are tied.
-constexpr size_t kNearInTime = 4, kTies = 8;
-constexpr int kGrid = 16;  // pixels compared along each side of the image
+constexpr size_t kLeastCommon = 30;  // points by which two worlds of one video are joined
+constexpr int kMostRounds = 8;       // of cameras, each from where the one before led
+constexpr size_t kGrowth = 2;        // of the key frames of a world, from which cameras are worth a new look
+constexpr int kGrid = 16;            // pixels compared along each side of the image
 
 // The largest change of a ray's direction in the rig, pixels; infinite where one camera has no ray where the
 // other has one.
@@ -108,15 +114,43 @@ size_t most_typical(const std::vector<NamedMap>& maps) {
   return best;
 }
 
+// Points of two worlds of different maps that are the same.
+struct CommonWorlds {
+  int map = 0, world = 0, other_map = 0, other_world = 0;
+  std::vector<CommonPoint> points;
+};
+
+// Of each two worlds that known views connect, in the order of their maps.
+std::vector<CommonWorlds> find_common_worlds(const std::vector<NamedMap>& maps,
+                                             std::span<const KnownView> known) {
+  using Worlds = std::array<int, 4>;  // map and world, and of a later map
+  std::map<Worlds, std::array<std::vector<KnownPose>, 2>> poses_of;
+  for (const KnownView& v : known) {
+    const bool is_first = v.map < v.other_map;
+    const Worlds worlds = is_first ? Worlds{v.map, v.world, v.other_map, v.other_world}
+                                   : Worlds{v.other_map, v.other_world, v.map, v.world};
+    poses_of[worlds][is_first ? 0 : 1].push_back({v.keyframe, v.rig_from_other});
+  }
+  std::vector<TrackingRig> rigs;
+  for (const NamedMap& m : maps) rigs.emplace_back(m.map.rig);
+  std::vector<CommonWorlds> all;
+  for (const auto& [w, poses] : poses_of) {
+    all.push_back({w[0], w[1], w[2], w[3],
+                   find_common_points({rigs[w[0]], maps[w[0]].map.worlds[w[1]].map, poses[0]},
+                                      {rigs[w[2]], maps[w[2]].map.worlds[w[3]].map, poses[1]})});
+  }
+  return all;
+}
+
 // Joins worlds as they come: each key frame that is a place is looked for among those of other maps.
 class WorldMerger {
  public:
-  WorldMerger(const TrackingRig& rig, const OdometryOptions& options)
-      : rig_(rig), mapper_(rig, options), places_(rig, options.seed) {}
+  WorldMerger(const Rig& rig, const OdometryOptions& options)
+      : rig_(rig), mapper_(rig_, options), places_(rig_, options.seed) {}
 
-  // The worlds of one map, and what is known of them and of those before. Those with another calibration are
+  // The worlds of one map, and what they have in common with those before. Those with another calibration are
   // adjusted to the present one.
-  void add(SavedMap map, std::span<const KnownView> known) {
+  void add(SavedMap map, std::span<const CommonWorlds> common) {
     const bool other_rays = !same_calibration(map.rig, rig_.rig());
     const int first = static_cast<int>(worlds_.size());
     first_of_map_.push_back(first);
@@ -130,14 +164,41 @@ class WorldMerger {
         sources_.push_back(std::move(saved.sources[&k - world.keyframes.data()]));
         map_of_.push_back(maps_added_);
       }
+      most_added_ = std::max(most_added_, world.keyframes.size());
       if (!other_rays || world.keyframes.empty()) continue;
-      mapper_.adapt_to_cameras(0, Adaption::kTwoSeries, &world);
-      worlds_.back().changed = true;  // adjusted in the end
+      mapper_.adapt_to_cameras(0, Adaption::kToTheEnd, &world);
+      worlds_.back().changed = true;
     }
     ++maps_added_;
+    join_common(common);
     first_place_ = places_.size();
     for (int w = first; w < static_cast<int>(worlds_.size()); ++w) look_about(w);
-    join_known(known);
+  }
+
+  // What each map made of the cameras was made of what it saw: much more together tells them better.
+  // `numbers` say how the present cameras were refined, and then how they are. None: nobody was to.
+  void refine_cameras(std::vector<CalibrationNumber>* numbers) {
+    size_t most = 0;
+    for (const World& world : worlds_) most = std::max(most, count_images(world.map));
+    if (numbers->empty() || most < kGrowth * most_added_) return;
+    CalibrationRefiner refiner(refined_rig(rig_.rig(), *numbers));
+    use_cameras(refiner.rig());
+    for (int round = 0; round < kMostRounds; ++round) {
+      for (size_t w = 0; w < worlds_.size(); ++w) {
+        if (!worlds_[w].map.keyframes.empty())
+          refiner.measure_again(rig_, static_cast<int>(w), worlds_[w].map, {}, {});
+      }
+      const std::optional<Rig> better = refiner.better();
+      if (!better) break;
+      use_cameras(*better);
+      if (!refiner.take_over() && rig_.central()) break;
+    }
+    for (const CalibrationNumber& now : refiner.numbers()) {
+      const auto is_it = [&](const CalibrationNumber& n) {
+        return n.camera == now.camera && n.name == now.name;
+      };
+      std::ranges::replace_if(*numbers, is_it, now);
+    }
   }
 
   // All worlds, as maps to be written, and where each one is; `worlds` of `merged` are those that were added.
@@ -174,9 +235,27 @@ class WorldMerger {
     Similarity3 now_from_added = {};  // of what it is part of now
     int first_source = 0;             // of its key frames as they were added
     int joined_into = -1;
-    int points = 0;        // by which it was recognised
-    bool changed = false;  // brought together with another, or within itself
+    int points = 0;  // by which it was recognised
+    bool changed =
+        false;  // brought together with another, or within itself, and not adjusted as a whole since
   };
+
+  void use_cameras(const Rig& cameras) {
+    rig_ = TrackingRig(cameras);
+    for (World& world : worlds_) {
+      if (world.map.keyframes.empty()) continue;
+      mapper_.adapt_to_cameras(0, Adaption::kToTheEnd, &world.map);
+      mapper_.measure_scale(ScaleEffort::kFull, &world.map);
+      world.changed = false;
+    }
+  }
+
+  // An image that is a key frame of two maps tells what it shows once.
+  size_t count_images(const Map& map) const {
+    std::set<double> timestamps;
+    for (const MapKeyFrame& k : map.keyframes) timestamps.insert(sources_[k.frame].timestamp);
+    return timestamps.size();
+  }
 
   // The world that a world is part of.
   int now(int world) const {
@@ -252,59 +331,55 @@ class WorldMerger {
     return place_of_frame(added_world, worlds_[added_world].first_source + keyframe);
   }
 
-  // Key frames that were added with a world, those that are nearest to a time.
-  std::vector<int> nearest_in_time(int added_world, double timestamp) const {
-    const size_t first = worlds_[added_world].first_source;
-    const size_t next = static_cast<size_t>(added_world) + 1;
-    const size_t end = next < worlds_.size() ? worlds_[next].first_source : sources_.size();
-    std::vector<int> near;
-    for (size_t s = first; s < end; ++s) near.push_back(static_cast<int>(s - first));
-    std::ranges::sort(near, {}, [&](int k) { return std::abs(sources_[first + k].timestamp - timestamp); });
-    near.resize(std::min(near.size(), kNearInTime));
-    for (int& k : near) k = place_of(added_world, k).keyframe;
-    return near;
+  // The track of an observation as a world was added; -1: it was given up since.
+  int track_now(int added_world, const TrackObservation& o) const {
+    const PlaceRef place = place_of(added_world, o.keyframe);
+    return worlds_[place.world].map.keyframes[place.keyframe].tracks[o.feature];
   }
 
-  std::optional<Meeting> meeting_of(const KnownView& view) const {
-    const int here = world_of(view.map, view.world), there = world_of(view.other_map, view.other_world);
-    const PlaceRef place = place_of(here, view.keyframe);
-    const double timestamp = sources_[worlds_[here].first_source + view.keyframe].timestamp;
-    return meet_known(rig_, worlds_[place.world].map, place, worlds_[now(there)].map, now(there),
-                      carried_over(view.rig_from_other, worlds_[there].now_from_added),
-                      nearest_in_time(there, timestamp));
-  }
-
-  // Worlds are joined by the view that shows most points of both, and tied by some more. That fits well
-  // enough to be adjusted in the end.
-  void join_known(std::span<const KnownView> known) {
-    std::map<std::pair<int, int>, std::vector<const KnownView*>>
-        views_of;  // by worlds, the earlier one first
-    for (const KnownView& view : known) {
-      if (std::max(view.map, view.other_map) + 1 != maps_added_) continue;
-      const std::pair worlds(world_of(view.map, view.world), world_of(view.other_map, view.other_world));
-      views_of[std::minmax(worlds.first, worlds.second)].push_back(&view);
+  // What worlds that were added have in common, as tracks of the worlds that they are part of.
+  std::vector<SamePoint> points_now(const CommonWorlds& common) const {
+    std::vector<SamePoint> points;
+    for (const CommonPoint& p : common.points) {
+      const int a = track_now(world_of(common.map, common.world), p.of_a),
+                b = track_now(world_of(common.other_map, common.other_world), p.of_b);
+      if (a >= 0 && b >= 0) points.push_back({a, b});
     }
-    for (const auto& [worlds, views] : views_of) {
-      if (now(worlds.first) != now(worlds.second)) {
-        std::optional<Meeting> best;
-        for (const KnownView* view : views) {
-          std::optional<Meeting> meeting = meeting_of(*view);
-          const bool better =
-              meeting && (!best || meeting->relation.points.size() > best->relation.points.size());
-          if (better) best = std::move(meeting);
-        }
-        if (!best) continue;
-        join(*best);
-      }
-      const size_t step = std::max<size_t>(1, views.size() / kTies);
-      for (size_t v = 0; v < views.size(); v += step) {
-        const std::optional<Meeting> tie = meeting_of(*views[v]);
-        if (tie) fuse_points(tie->relation.points, &worlds_[tie->here.world].map);
+    return points;
+  }
+
+  Meeting meeting_of(const CommonWorlds& common, int a, int b) {
+    const Map &of_a = worlds_[now(a)].map, &of_b = worlds_[now(b)].map;
+    Meeting meeting;
+    meeting.here.world = now(b);
+    meeting.there.world = now(a);
+    std::vector<Eigen::Vector3d> here, there;
+    for (const SamePoint& p : points_now(common)) {
+      meeting.relation.points.push_back({p.there, p.here});
+      here.push_back(of_b.tracks[p.there].position);
+      there.push_back(of_a.tracks[p.here].position);
+    }
+    meeting.relation.there_from_here =
+        align_points(std::move(here), std::move(there), !has_same_scale(rig_, of_a, of_b));
+    return meeting;
+  }
+
+  // The worlds of the newest map are joined with those before that have points in common with them. That fits
+  // well enough to be adjusted in the end.
+  void join_common(std::span<const CommonWorlds> all) {
+    for (const CommonWorlds& common : all) {
+      if (common.other_map + 1 != maps_added_ || common.points.size() < kLeastCommon) continue;
+      const int a = world_of(common.map, common.world), b = world_of(common.other_map, common.other_world);
+      if (now(a) != now(b)) {
+        join(meeting_of(common, a, b));
+      } else {
+        fuse_points(points_now(common), &worlds_[now(a)].map);
+        worlds_[now(a)].changed = true;
       }
     }
   }
 
-  const TrackingRig& rig_;
+  TrackingRig rig_;
   Mapper mapper_;
   PlaceMemory places_;
   std::deque<World> worlds_;             // of all maps
@@ -312,7 +387,8 @@ class WorldMerger {
   std::vector<KeyFrameSource> sources_;  // by `frame` of the key frames
   std::vector<int> map_of_;              // likewise, the map that each was added with
   int maps_added_ = 0;
-  int first_place_ = 0;  // of the newest map
+  size_t most_added_ = 0;  // key frames of a world
+  int first_place_ = 0;    // of the newest map
 };
 
 }  // namespace
@@ -321,6 +397,7 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
   const bool is_one_video = !known.empty();
   const size_t reference = is_one_video ? most_typical(maps) : 0;
   const TrackingRig rig(maps[reference].map.rig);
+  std::vector<CalibrationNumber> calibration = maps[reference].calibration;
   for (const NamedMap& other : maps) {
     // Of one video they are the same, whatever each piece made of the little that it saw.
     const double most = is_one_video ? INFINITY : kMostRayChange;
@@ -328,15 +405,17 @@ Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed, std::sp
   }
   OdometryOptions options;
   options.seed = seed;
-  WorldMerger merger(rig, options);
+  const std::vector<CommonWorlds> common = find_common_worlds(maps, known);
+  WorldMerger merger(rig.rig(), options);
   MergedMaps out;
-  out.cameras_of = static_cast<int>(reference);
   for (size_t m = 0; m < maps.size(); ++m) {
     for (size_t w = 0; w < maps[m].map.worlds.size(); ++w) {
       out.worlds.push_back({static_cast<int>(m), static_cast<int>(w)});
     }
-    merger.add(std::move(maps[m].map), known);
+    merger.add(std::move(maps[m].map), common);
   }
+  out.calibration = std::move(calibration);
+  if (is_one_video) merger.refine_cameras(&out.calibration);
   merger.finish(&out);
   return out;
 }

@@ -7,6 +7,7 @@
 
 #include "raysfm/core/result.h"
 #include "raysfm/saved_map/saved_map.h"
+#include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
 
@@ -14,6 +15,7 @@ namespace raysfm {
 struct NamedMap {
   std::string name;
   SavedMap map;
+  std::vector<CalibrationNumber> calibration = {};  // how its cameras were refined
 };
 
 // A key frame of which the pose in another world is known as well: a run that made that world saw its very
@@ -35,15 +37,16 @@ struct MergedWorld {
 struct MergedMaps {
   SavedMap map;
   std::vector<MergedWorld> worlds;                // of all maps, in their order
-  int cameras_of = 0;                             // map whose cameras are those of all
+  std::vector<CalibrationNumber> calibration;     // how its cameras were refined
   std::vector<std::vector<int>> map_of_keyframe;  // by world of `map`: which map its key frames come from
 };
 
 // Puts the worlds of maps into one map, through the cameras of the first. Worlds that show one place are
 // joined and adjusted as `track` does it, and those that `known` views tell of; the others stay side by side.
 // Where there are known views, the maps are of one video: their cameras are the same, however differently
-// each was refined on what it saw, and those most like all others are taken. `seed` draws samples. Errors:
-// bad input, where the cameras are not the same.
+// each was refined on what it saw. Those most like all others are taken; where they were refined, and a
+// joined world has much more than any that was put into it, they are refined once more on that. `seed` draws
+// samples. Errors: bad input, where the cameras are not the same.
 Result<MergedMaps> merge_maps(std::vector<NamedMap> maps, uint64_t seed,
                               std::span<const KnownView> known = {});
 
