@@ -7,7 +7,7 @@ namespace raysfm {
 namespace {
 
 // Square cells across an image, of which those with a few corners count.
-constexpr int kCellsAcross = 8, kCornersInCell = 3, kLeastCells = 6;
+constexpr int kCellsAcross = 16, kCornersInCell = 2, kLeastCells = 6;
 // Part of the cells that must have moved for a step, and of a cell's corners that may be found again in one
 // that did.
 constexpr double kMovedCells = 0.5, kStillInCell = 0.25;
@@ -18,9 +18,11 @@ constexpr float kTremble = 3, kAlike = 0.8f, kSamePlace = 0.3f, kSame = 0.9f;
 constexpr int kRoundSteps = 16;
 constexpr double kFound = 0.75;
 constexpr int kBeforeDoubt = 3;  // steps
-constexpr int kCorners = 400;    // of an image that tell whether it moved
+constexpr int kMostInCell = 4;   // corners that tell whether it moved
 // Fewer are chance.
 constexpr size_t kLeastMarks = 5;
+// Part of the image: what stays is rather the scene of a camera that stands.
+constexpr double kMostMarked = 0.4;
 // Of a mark, part of the image's width: between the letters of a text, and patches that reach into it.
 constexpr float kReach = 0.025f;
 
@@ -69,51 +71,70 @@ CameraView with_corners(const CameraView& view, const std::vector<int>& which) {
   return some;
 }
 
-// The cells of an image, and what of their corners was found again.
-class MovedCells {
+// The square cells of an image: many corners in one place count no more than few in another.
+class CellGrid {
  public:
-  MovedCells(int width, int height)
+  CellGrid(int width, int height)
       : side_(static_cast<float>(width) / kCellsAcross),
-        cells_(size_t{kCellsAcross} * (static_cast<int>(static_cast<float>(height) / side_) + 1)) {}
+        count_(size_t{kCellsAcross} * (static_cast<int>(static_cast<float>(height) / side_) + 1)) {}
 
-  void add(const Eigen::Vector2f& pixel, bool found) {
+  size_t count() const { return count_; }
+  size_t at(const Eigen::Vector2f& pixel) const {
     const auto column = std::clamp(static_cast<int>(pixel.x() / side_), 0, kCellsAcross - 1);
     const auto row = static_cast<size_t>(std::max(0.0f, pixel.y()) / side_);
-    Cell& cell = cells_[std::min(row * kCellsAcross + column, cells_.size() - 1)];
+    return std::min(row * kCellsAcross + column, count_ - 1);
+  }
+
+ private:
+  float side_;  // pixels
+  size_t count_;
+};
+
+// What of the corners of each cell was found again.
+class MovedCells {
+ public:
+  explicit MovedCells(const CellGrid& cells) : cells_(cells), of_cell_(cells.count()) {}
+
+  void add(const Eigen::Vector2f& pixel, bool found) {
+    OfCell& cell = of_cell_[cells_.at(pixel)];
     ++cell.corners;
     cell.found += found;
   }
   bool most_moved() const {
-    const auto counts = [](const Cell& c) { return c.corners >= kCornersInCell; };
-    const auto moved = [&](const Cell& c) { return counts(c) && c.found <= kStillInCell * c.corners; };
-    const auto all = std::ranges::count_if(cells_, counts);
-    return all >= kLeastCells && std::ranges::count_if(cells_, moved) >= kMovedCells * double(all);
+    const auto counts = [](const OfCell& c) { return c.corners >= kCornersInCell; };
+    const auto moved = [&](const OfCell& c) { return counts(c) && c.found <= kStillInCell * c.corners; };
+    const auto all = std::ranges::count_if(of_cell_, counts);
+    return all >= kLeastCells && std::ranges::count_if(of_cell_, moved) >= kMovedCells * double(all);
   }
 
  private:
-  struct Cell {
+  struct OfCell {
     int corners = 0, found = 0;
   };
-  float side_;  // pixels
-  std::vector<Cell> cells_;
+  CellGrid cells_;
+  std::vector<OfCell> of_cell_;
 };
 
 }  // namespace
 
-// Every so many of the corners that are about no mark.
-std::vector<int> FixedMarks::unmarked(const CameraView& view, int camera, int first, int every) const {
+std::vector<int> FixedMarks::unmarked(const CameraView& view, int camera) const {
   std::vector<int> which;
-  for (int f = first; f < view.features.size(); f += every) {
+  for (int f = 0; f < view.features.size(); ++f) {
     if (!covers(camera, view.features.pixels[f])) which.push_back(f);
   }
   return which;
 }
 
-// Evenly over the image, others at another time.
+// Some of each cell, others at another time.
 void FixedMarks::take_base(const View& view, int c, Watched* camera) const {
   const CameraView& seen = view.cameras[c];
-  const int every = std::max(1, (seen.features.size() + kCorners - 1) / kCorners);
-  const std::vector<int> which = unmarked(seen, c, view.frame % every, every);
+  const CellGrid cells(seen.width, seen.height);
+  std::vector<int> all = unmarked(seen, c), in_cell(cells.count()), which;
+  constexpr ptrdiff_t kStride = 37;  // corners are in the order of their octaves and places
+  if (!all.empty()) std::ranges::rotate(all, all.begin() + view.frame * kStride % std::ssize(all));
+  for (const int f : all) {
+    if (++in_cell[cells.at(seen.features.pixels[f])] <= kMostInCell) which.push_back(f);
+  }
   camera->base = some_of(seen.features, which);
   camera->base_patches = some_of(seen.patches, which);
 }
@@ -124,7 +145,7 @@ void FixedMarks::begin_round(const View& view) {
   for (int c = 0; c < static_cast<int>(cameras_.size()); ++c) {
     const CameraView& seen = view.cameras[c];
     take_base(view, c, &cameras_[c]);
-    const std::vector<int> which = unmarked(seen, c, 0, 1);
+    const std::vector<int> which = unmarked(seen, c);
     cameras_[c].suspects.clear();
     for (const int f : which)
       cameras_[c].suspects.push_back({seen.features.pixels[f], seen.features.octaves[f]});
@@ -137,12 +158,13 @@ bool FixedMarks::has_moved(const View& view) const {
   for (size_t c = 0; c < cameras_.size(); ++c) {
     const CameraView& seen = view.cameras[c];
     const Watched& camera = cameras_[c];
-    MovedCells cells(seen.width, seen.height);
+    const CellGrid cells(seen.width, seen.height);
+    MovedCells moved(cells);
     for (int i = 0; i < camera.base.size(); ++i) {
       const Eigen::Vector2f& pixel = camera.base.pixels[i];
-      cells.add(pixel, shows(seen, pixel, camera.base.octaves[i], camera.base_patches, i, kTremble, kAlike));
+      moved.add(pixel, shows(seen, pixel, camera.base.octaves[i], camera.base_patches, i, kTremble, kAlike));
     }
-    if (!cells.most_moved()) return false;
+    if (!moved.most_moved()) return false;
   }
   return true;
 }
@@ -181,8 +203,9 @@ bool FixedMarks::watch(const View& view) {
   return steps_ >= kRoundSteps && end_round(view);
 }
 
+// Where that much of the image stays in its place, it is the camera that stands, and others move.
 bool FixedMarks::end_round(const View& view) {
-  const size_t before = marks_.size();
+  const std::vector<Mark> before = marks_;
   for (int c = 0; c < static_cast<int>(cameras_.size()); ++c) {
     const float reach = kReach * static_cast<float>(view.cameras[c].width);
     const auto is_near = [&](const Mark& m, const Eigen::Vector2f& pixel) {
@@ -194,8 +217,9 @@ bool FixedMarks::end_round(const View& view) {
       marks_.push_back({s.pixel, static_cast<uint8_t>(c), reach, view.frame});
     }
   }
+  if (part_of(view) > kMostMarked) marks_ = before;
   begin_round(view);
-  return marks_.size() > before;
+  return marks_.size() > before.size();
 }
 
 bool FixedMarks::is_in_doubt() const {

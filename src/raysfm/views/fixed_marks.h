@@ -79,7 +79,7 @@ class FixedMarks {
   };
 
   void begin_round(const View& view);
-  std::vector<int> unmarked(const CameraView& view, int camera, int first, int every) const;
+  std::vector<int> unmarked(const CameraView& view, int camera) const;
   void take_base(const View& view, int c, Watched* camera) const;
   bool has_moved(const View& view) const;
   void keep_unmoved(const CameraView& view, Watched* camera) const;

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "support/panel_world.h"
 #include "support/texture.h"
 
@@ -72,6 +74,56 @@ TEST(FixedMarks, NothingIsLeftOutWhereAllMovesOrAllStands) {
   EXPECT_TRUE(watched({4, 1}, false).empty());
   EXPECT_TRUE(watched({0, 0}, true).empty()) << "a camera that stands sees nothing move";
   EXPECT_TRUE(watched({0.02, 0}, true).empty()) << "nearly";
+}
+
+constexpr int kRound = 20;  // frames, each a step
+
+// A wall that moves by so much from frame to frame, behind something that stays where `in_front` says so.
+template <typename InFront>
+ViewPtr wall_behind(int width, int height, int frame, const InFront& in_front) {
+  static const Texture wall(4, 6, 30, 40), front(9, 4, 8, 50);
+  static GrayImage still;
+  if (still.width() != width) {
+    still = render(front, width, height, [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
+  }
+  const Eigen::Vector2d moved = frame * Eigen::Vector2d(15, 5);
+  GrayImage image =
+      render(wall, width, height, [&](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + moved; });
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (in_front(x, y)) image.row(y)[x] = still.row(y)[x];
+    }
+  }
+  return as_view(std::move(image), frame, 1500);
+}
+
+// A dashboard takes more of the corners than of a wide image.
+TEST(FixedMarks, ManyCornersInOnePlaceCountNoMoreThanFewInAnother) {
+  constexpr int kDashboard = 140, kWide = 640, kLow = 192;
+  const auto in_front = [](int, int y) { return y >= kDashboard; };
+  FixedMarks marks;
+  for (int i = 0; i < kRound; ++i) marks.watch(*wall_behind(kWide, kLow, i, in_front));
+  const ViewPtr whole = wall_behind(kWide, kLow, kRound, in_front), rest = marks.without(whole);
+  const auto on_dashboard = [](const ViewPtr& view) {
+    return std::ranges::count_if(view->cameras[0].features.pixels,
+                                 [](const Eigen::Vector2f& p) { return p.y() >= kDashboard + kRim; });
+  };
+  ASSERT_GT(on_dashboard(whole), 100);
+  EXPECT_EQ(on_dashboard(rest), 0);
+  EXPECT_GT(rest->cameras[0].features.size(), 100);
+}
+
+// People who walk before a camera that stands may hide half of the image, each part of it for a fifth of the
+// time.
+TEST(FixedMarks, WhereMostOfTheImageStaysTheCameraStands) {
+  FixedMarks marks;
+  for (int i = 0; i < kRound; ++i) {
+    marks.watch(*wall_behind(kFilmWidth, kFilmHeight, i, [&](int x, int) {
+      const int column = x / 40;
+      return column >= 3 && (column + i) % 5 != 0;
+    }));
+  }
+  EXPECT_TRUE(marks.empty());
 }
 
 TEST(FixedMarks, HoldFromTheFrameOnThatTheyWereFoundIn) {
