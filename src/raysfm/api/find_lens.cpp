@@ -548,7 +548,7 @@ std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const
   return doubts;
 }
 
-std::optional<FoundLens> own_lens(const TrackSettings& settings, double given, Input input, bool is_alone,
+std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bool is_alone,
                                   const TrackCallbacks& callbacks) {
   input.streams.resize(1);
   auto reader = TrackReader::open(std::move(input), SolveSettings().features, settings.threads);
@@ -559,7 +559,6 @@ std::optional<FoundLens> own_lens(const TrackSettings& settings, double given, I
   std::optional<FoundLens> own = std::move(asked->lens);
   if (own) make_as_stored((*reader)->source(), &*own);
   if (!own && is_alone) own = lens_by_tracking(settings, (*reader)->source(), callbacks);
-  if (!own || !differ(own->origin.focal, given, 0)) return std::nullopt;
   return own;
 }
 

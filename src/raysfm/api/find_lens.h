@@ -130,10 +130,9 @@ std::optional<TrackResult> track_with_own_lens(const TrackSettings& settings, co
                                                const std::vector<LensDoubt>& doubts,
                                                const TrackResult& tracked, std::string* warning);
 
-// The focal length that the footage of one camera tells by itself, where that is another one than the given;
-// none where it tells none. `input`: whose first stream is the camera's. `is_alone`: it is all of the
-// input, which may be tracked for it.
-std::optional<FoundLens> own_lens(const TrackSettings& settings, double given, Input input, bool is_alone,
+// The lens that the footage of one camera tells by itself; none where it tells none. `input`: whose first
+// stream is the camera's. `is_alone`: it is all of the input, which may be tracked for it.
+std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bool is_alone,
                                   const TrackCallbacks& callbacks);
 
 // Opens the inputs of the settings, once more. `lens_is_found`: whatever calibration lies beside the images.

@@ -127,18 +127,37 @@ class OwnLensSearch {
   }
 
   std::optional<TrackResult> find() {
-    if (is_alone_ && is_perspective(cameras_[0])) {
-      if (auto own = tracked_with(own_lens_of(doubts_[0]))) return own;
+    const LensDoubt& first = doubts_[0];
+    const bool own_first = is_alone_ && is_perspective(cameras_[0]);
+    if (own_first) {
+      const std::optional<FoundLens> own = own_lens_of(first);
+      if (own && is_another(*own, first)) {
+        if (auto better = tracked_with(*own)) return better;
+      } else if (own && first.by != LensDoubt::By::kMap) {
+        return std::nullopt;  // the file is right
+      }
     }
-    for (const Factors& start : starts()) {
-      if (auto own = settled(start)) return own;
+    Factors told = told_by_first_run();
+    if (auto better = settled(told, told)) return better;
+    if (!is_alone_) {
+      told = told_by_each(told);
+      if (auto better = settled(told, told)) return better;
     }
-    if (!is_alone_ || is_perspective(cameras_[0])) return std::nullopt;
-    return tracked_with(own_lens_of(doubts_[0]));
+    if (own_first) return std::nullopt;  // its footage was tracked from guesses already
+    if (auto better = guessed(told)) return better;
+    if (!is_alone_) return std::nullopt;
+    const std::optional<FoundLens> own = own_lens_of(first);
+    return own && is_another(*own, first) ? tracked_with(*own) : std::nullopt;
   }
 
-  // Whether some footage told another lens, though what came of it is not good enough.
-  bool is_confirmed() const { return is_confirmed_; }
+  // Whether the camera file is most likely wrong, where nothing better was found: corners alone may err, and
+  // so do residuals of one perspective camera, whose footage tells more than those of any other.
+  bool is_sure() const {
+    return is_confirmed_ || std::ranges::any_of(doubts_, [&](const LensDoubt& d) {
+             if (d.by == LensDoubt::By::kMisfit) return !is_alone_ || !is_perspective(cameras_[0]);
+             return d.by == LensDoubt::By::kMap;
+           });
+  }
 
  private:
   // Whether the result takes the place of that with the camera file: it explains what that did not.
@@ -159,53 +178,43 @@ class OwnLensSearch {
     const size_t stream = is_alone_ ? 0 : cameras_[doubt.camera].stream;
     if (stream >= input->streams.size()) return std::nullopt;
     std::swap(input->streams[0], input->streams[stream]);
-    return own_lens(settings_, doubt.given, *std::move(input), is_alone_, quiet_);
+    return own_lens(settings_, *std::move(input), is_alone_, quiet_);
   }
 
-  std::optional<TrackResult> tracked_with(const std::optional<FoundLens>& own) {
-    if (!own || quiet_.stopped()) return std::nullopt;
+  static bool is_another(const FoundLens& own, const LensDoubt& doubt) {
+    return differ(own.origin.focal, doubt.given, 0);
+  }
+
+  std::optional<TrackResult> tracked_with(const FoundLens& own) {
+    if (quiet_.stopped()) return std::nullopt;
     is_confirmed_ = true;
-    Result<TrackResult> result = track(settings_, quiet_, nullptr, &*own);
+    Result<TrackResult> result = track(settings_, quiet_, nullptr, &own);
     const bool is_misfit = doubts_[0].by == LensDoubt::By::kMisfit;
     const bool counts = result && reaches_enough(*result, posed_count(tracked_.reconstruction)) &&
                         (!is_misfit || is_good(*result));
     return counts ? std::optional(*std::move(result)) : std::nullopt;
   }
 
-  // Focal lengths to begin with: what the map and corners tell, then what the footage of each camera tells by
-  // itself, then guesses.
-  std::vector<Factors> starts() const {
+  // What the map with the file's cameras and corners tell.
+  Factors told_by_first_run() const {
     Factors told(cameras_.size(), 0);
-    std::vector<int> open;  // cameras
     for (const CalibrationNumber& n : tracked_.reconstruction.calibration) {
       if (is_told_focal(n)) told[n.camera] = 1;
     }
     for (const LensDoubt& doubt : doubts_) {
-      const bool is_seen = doubt.by != LensDoubt::By::kMisfit;
-      if (is_seen) told[doubt.camera] = doubt.seen / doubt.given;
-      if (!is_seen) open.push_back(doubt.camera);
+      if (doubt.by != LensDoubt::By::kMisfit) told[doubt.camera] = doubt.seen / doubt.given;
     }
-    std::vector<Factors> starts;
-    if (open.size() < doubts_.size()) starts.push_back(shared(told));
-    if (std::optional<Factors> own = is_alone_ ? std::nullopt : told_by_each(told))
-      starts.push_back(shared(*own));
-    for (size_t k = 0; k < kFactors.size() && !open.empty(); ++k) {
-      for (const int camera : open) told[camera] = kFactors[k];
-      starts.push_back(shared(told));
-    }
-    return starts;
+    return told;
   }
 
-  std::optional<Factors> told_by_each(Factors factors) const {
-    bool any = false;
+  // Besides, what the footage of each camera tells by itself.
+  Factors told_by_each(Factors factors) const {
     for (const LensDoubt& doubt : doubts_) {
       if (!is_perspective(cameras_[doubt.camera]) || quiet_.stopped()) continue;
       const std::optional<FoundLens> own = own_lens_of(doubt);
-      if (!own) continue;
-      factors[doubt.camera] = own->origin.focal / doubt.given;
-      any = true;
+      if (own) factors[doubt.camera] = own->origin.focal / doubt.given;
     }
-    return any ? std::optional(factors) : std::nullopt;
+    return factors;
   }
 
   // A camera of which nothing is known has the lens of one of its make, else its own.
@@ -220,25 +229,42 @@ class OwnLensSearch {
     return factors;
   }
 
-  // What a map that was made with such focal lengths tells of them.
-  Factors with_told(const Factors& made_with, const std::vector<CalibrationNumber>& calibration) const {
-    Factors told(made_with.size(), 0);
+  // Where nothing tells the focal lengths of cameras that are doubted.
+  std::optional<TrackResult> guessed(const Factors& told) {
+    for (const double guess : kFactors) {
+      Factors factors = told;
+      for (const LensDoubt& doubt : doubts_) {
+        if (factors[doubt.camera] == 0) factors[doubt.camera] = guess;
+      }
+      if (factors == told) return std::nullopt;
+      if (auto better = settled(factors, told)) return better;
+    }
+    return std::nullopt;
+  }
+
+  // What a map that was made with such focal lengths tells of them; of others, what is `known` without it.
+  Factors told_by_map(const Factors& made_with, const std::vector<CalibrationNumber>& calibration,
+                      const Factors& known) const {
+    Factors told = known;
     for (const CalibrationNumber& n : calibration) {
       if (is_told_focal(n)) told[n.camera] = made_with[n.camera] * n.refined / n.given;
     }
     return shared(told);
   }
 
-  // The given cameras at those focal lengths, then at those that the map of the footage has, until these
-  // stay. Other numbers are the file's each time: those of a map with another lens were made up by it.
-  std::optional<TrackResult> settled(Factors factors) {
+  // The given cameras at those focal lengths, of which some are `known` without a map, then at those that the
+  // map of the footage has, until these stay. Other numbers are the file's each time: those of a map with
+  // another lens were made up by it.
+  std::optional<TrackResult> settled(const Factors& start, const Factors& known) {
+    if (std::ranges::none_of(start, [](double f) { return f > 0 && differ(f, 1, 0); })) return std::nullopt;
+    Factors factors = shared(start);
     for (int round = 0; round < kMostRounds && !quiet_.stopped(); ++round) {
       FoundLens own{{}, {}, {.source = "footage"}, true, true};
       for (size_t c = 0; c < cameras_.size(); ++c) own.rig.cameras.push_back(scaled(cameras_[c], factors[c]));
       Result<TrackResult> result = track(settings_, quiet_, nullptr, &own);
       if (!result || !std::ranges::any_of(result->reconstruction.calibration, is_told_focal))
         return std::nullopt;
-      const Factors next = with_told(factors, result->reconstruction.calibration);
+      const Factors next = told_by_map(factors, result->reconstruction.calibration, known);
       const bool stay = std::ranges::equal(
           next, factors, [](double x, double y) { return std::abs(std::log(x / y)) <= kSettled; });
       factors = next;
@@ -369,9 +395,7 @@ std::optional<TrackResult> track_with_own_lens(const TrackSettings& settings, co
       return own;
     }
   }
-  const bool by_corners_alone =
-      std::ranges::all_of(doubts, [](const LensDoubt& d) { return d.by == LensDoubt::By::kCorners; });
-  if (!by_corners_alone || search.is_confirmed()) *warning = doubt_warning(doubts, given.rig.cameras.size());
+  if (search.is_sure()) *warning = doubt_warning(doubts, given.rig.cameras.size());
   return std::nullopt;
 }
 
