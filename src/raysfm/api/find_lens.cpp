@@ -43,6 +43,9 @@ constexpr double kUsual = CalibrationPrior{}.focal, kSurely = 4, kOptimistic = 2
 // What a map explains badly: observations that fit it are this far off, pixels; a camera has less than this
 // part of the observations that others have; or fewer frames have a pose.
 constexpr double kBadFit = 0.6, kFewFit = 0.25, kFewPosed = 0.5;
+// Cameras do not see the same things where less than this part is common of so many points that should be.
+constexpr double kFewCommon = 0.15;
+constexpr int kEnoughCommon = 100;
 
 // Views for a lens of corners; focal lengths as a part of the width, beyond which there is none; samples of
 // each RANSAC: ten times as many find the same in twice the time.
@@ -349,6 +352,29 @@ std::optional<FoundLens> ask_tracking(const TrackSettings& settings, const Frame
   return lens;
 }
 
+// Points of a camera that another one, whose view it shares, should see too, and those that it does.
+struct Common {
+  int expected = 0, seen = 0;
+};
+
+// Of the observations of one key frame. `in_camera`: a point in the frame of a camera.
+template <typename InCamera>
+void count_common(std::span<const Observation> observations, const TrackingRig& rig, InCamera in_camera,
+                  std::vector<Common>* common) {
+  if (rig.common_views().empty()) return;
+  std::vector<std::pair<int, int>> seen;  // camera, point
+  for (const Observation& o : observations) seen.emplace_back(o.camera, o.point);
+  std::ranges::sort(seen);
+  for (const auto& [a, b] : rig.common_views()) {
+    for (const Observation& o : observations) {
+      Eigen::Vector2d pixel;
+      if (o.camera != a || !rig.see(b, in_camera(b, o.point), &pixel)) continue;
+      ++(*common)[a].expected;
+      (*common)[a].seen += std::ranges::binary_search(seen, std::pair(b, o.point));
+    }
+  }
+}
+
 // As the lens would show it without its distortion.
 PointTracks without_distortion(const PointTracks& tracks, const Camera& camera, const Lens& lens) {
   PointTracks ideal = tracks;
@@ -484,18 +510,24 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
 std::vector<CameraFit> fits_of_cameras(const Reconstruction& r, const TrackingRig& rig) {
   constexpr size_t kAsked = 64;  // key frames
   std::vector<CameraFit> fits(rig.size());
+  std::vector<Common> common(rig.size());
   const size_t step = r.keyframes.size() / kAsked + 1;
   for (size_t k = 0; k < r.keyframes.size(); k += step) {
     const KeyFrame& keyframe = r.keyframes[k];
     const Rigid3 rig_from_world = r.frames[keyframe.frame].world_from_rig->inverse();
-    for (int i = keyframe.first_observation; i < keyframe.last_observation; ++i) {
-      const Observation& seen = r.observations[i];
-      const Rigid3 cam_from_world = rig.cam_from_rig(seen.camera) * rig_from_world;
+    const auto in_camera = [&](int c, int point) {
+      return rig.cam_from_rig(c) * (rig_from_world * r.points[point].position);
+    };
+    const std::span seen =
+        std::span(r.observations)
+            .subspan(keyframe.first_observation, keyframe.last_observation - keyframe.first_observation);
+    for (const Observation& o : seen) {
       Eigen::Vector2d pixel;
-      if (!rig.find(seen.camera, cam_from_world * r.points[seen.point].position, &pixel)) continue;
-      fits[seen.camera].rms += (pixel - seen.pixel).squaredNorm();
-      ++fits[seen.camera].observations;
+      if (!rig.find(o.camera, in_camera(o.camera, o.point), &pixel)) continue;
+      fits[o.camera].rms += (pixel - o.pixel).squaredNorm();
+      ++fits[o.camera].observations;
     }
+    count_common(seen, rig, in_camera, &common);
   }
   double all = 0;
   for (CameraFit& fit : fits) {
@@ -503,9 +535,11 @@ std::vector<CameraFit> fits_of_cameras(const Reconstruction& r, const TrackingRi
     all += fit.observations;
   }
   const bool is_lost = posed_count(r) < kFewPosed * static_cast<double>(r.frames.size());
-  for (CameraFit& fit : fits) {
+  for (size_t c = 0; c < fits.size(); ++c) {
+    CameraFit& fit = fits[c];
     const bool has_few = fit.observations < kFewFit * all / static_cast<double>(fits.size()) || all == 0;
     fit.is_bad = is_lost || has_few || fit.rms > kBadFit;
+    fit.is_apart = common[c].expected >= kEnoughCommon && common[c].seen < kFewCommon * common[c].expected;
   }
   return fits;
 }
@@ -532,6 +566,10 @@ std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const
     const int c = focal.camera;
     if (differ(focal.refined, focal.given, 0)) {
       doubts.push_back({c, LensDoubt::By::kMap, focal.given, focal.refined});
+      continue;
+    }
+    if (fits[c].is_apart && (focal.told || !fits[c].is_bad)) {
+      doubts.push_back({c, LensDoubt::By::kApart, focal.given, focal.given});
       continue;
     }
     // One camera alone may fit a wrong map; those of a rig hold each other.

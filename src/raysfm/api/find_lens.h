@@ -79,10 +79,10 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
 
 // How a map explains what a camera of the rig sees.
 struct CameraFit {
-  int observations = 0;  // that fit it
-  double rms = 0;        // of these, pixels
-  bool is_bad =
-      false;  // these are far off, or few beside those of other cameras; or most frames have no pose
+  int observations = 0;   // that fit it
+  double rms = 0;         // of these, pixels
+  bool is_bad = false;    // these are far off, or few beside those of others; or most frames have no pose
+  bool is_apart = false;  // what it sees, others that should see it too do not
 };
 
 // Of each camera, in some of the key frames. `rig`: that of the reconstruction.
@@ -93,6 +93,7 @@ struct LensDoubt {
   enum class By : uint8_t {
     kMap,      // which tells another focal length, and has it
     kCorners,  // followed without any lens
+    kApart,    // what the camera sees, others that should see it too do not
     kMisfit,   // what the camera sees does not fit the map, and nothing tells its focal length
   };
   int camera = 0;
@@ -105,7 +106,8 @@ struct LensDoubt {
 bool tells_focals(const std::vector<CalibrationNumber>& calibration);
 
 // The cameras whose lens is hardly the one that was given: where the map told another focal length, or told
-// none and corners do, or these do not tell either and the map explains badly what the camera sees. What a
+// none and corners do, or these do not tell either and the map explains badly what the camera sees; or where
+// cameras that should see the same do not. What a
 // map is made of was chosen by the lens: where that is far off, the map may say nothing against it.
 // `keyframes`: the newest ones, asked only where the map tells nothing of a perspective lens.
 std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& reconstruction,

@@ -187,5 +187,27 @@ TEST_F(OwnLens, ACameraOfWhichLittleFitsIsDoubtedToo) {
   }
 }
 
+// Two cameras side by side that look at the same wall, each at points of its own, or at those of the other.
+TEST_F(OwnLens, CamerasThatShouldSeeTheSameAndDoNotAreDoubted) {
+  for (const bool is_shared : {true, false}) {
+    Reconstruction r = run_with({1, 1}, {1, 1}, true);
+    r.rig.cameras[1].rig_from_cam.translation = {0.4, 0, 0};
+    for (int i = 0; i < 300; ++i) {
+      const Eigen::Vector3d point(0.003 * i, 0, 5);
+      r.points.push_back({.position = point});
+      for (const int c : {0, 1}) {
+        Eigen::Vector2d pixel;
+        const Camera& camera = r.rig.cameras[c];
+        ASSERT_TRUE(PixelFinder(camera).find(camera.rig_from_cam.inverse() * point, &pixel));
+        if (is_shared || c == i % 2) r.observations.push_back({i, c, pixel});
+      }
+    }
+    r.keyframes[0].last_observation = static_cast<int>(r.observations.size());
+    const std::vector<LensDoubt> found = doubts(r, {});
+    ASSERT_EQ(found.size(), is_shared ? 0U : 2U);
+    for (const LensDoubt& doubt : found) EXPECT_EQ(doubt.by, By::kApart);
+  }
+}
+
 }  // namespace
 }  // namespace raysfm

@@ -155,11 +155,15 @@ class OwnLensSearch {
   bool is_sure() const {
     return is_confirmed_ || std::ranges::any_of(doubts_, [&](const LensDoubt& d) {
              if (d.by == LensDoubt::By::kMisfit) return !is_alone_ || !is_perspective(cameras_[0]);
-             return d.by == LensDoubt::By::kMap;
+             return d.by != LensDoubt::By::kCorners;
            });
   }
 
  private:
+  bool map_tells() const {
+    return std::ranges::any_of(doubts_, [](const LensDoubt& d) { return d.by == LensDoubt::By::kMap; });
+  }
+
   // Whether the result takes the place of that with the camera file: it explains what that did not.
   bool is_good(const TrackResult& own) const {
     const Reconstruction& r = own.reconstruction;
@@ -167,6 +171,7 @@ class OwnLensSearch {
     const std::vector<CameraFit> fits = fits_of_cameras(r, TrackingRig(r.rig));
     for (const CalibrationNumber& n : r.calibration) {
       if (n.name == "fx" && !n.told && fits[n.camera].is_bad) return false;
+      if (fits[n.camera].is_apart) return false;
     }
     return std::ranges::all_of(
         doubts_, [&](const LensDoubt& d) { return d.rms == 0 || fits[d.camera].rms <= kMuchBetter * d.rms; });
@@ -202,7 +207,8 @@ class OwnLensSearch {
       if (is_told_focal(n)) told[n.camera] = 1;
     }
     for (const LensDoubt& doubt : doubts_) {
-      if (doubt.by != LensDoubt::By::kMisfit) told[doubt.camera] = doubt.seen / doubt.given;
+      const bool is_seen = doubt.by == LensDoubt::By::kMap || doubt.by == LensDoubt::By::kCorners;
+      told[doubt.camera] = is_seen ? doubt.seen / doubt.given : 0;
     }
     return told;
   }
@@ -234,7 +240,7 @@ class OwnLensSearch {
     for (const double guess : kFactors) {
       Factors factors = told;
       for (const LensDoubt& doubt : doubts_) {
-        if (factors[doubt.camera] == 0) factors[doubt.camera] = guess;
+        if (doubt.by == LensDoubt::By::kMisfit && factors[doubt.camera] == 0) factors[doubt.camera] = guess;
       }
       if (factors == told) return std::nullopt;
       if (auto better = settled(factors, told)) return better;
@@ -262,9 +268,11 @@ class OwnLensSearch {
       FoundLens own{{}, {}, {.source = "footage"}, true, true};
       for (size_t c = 0; c < cameras_.size(); ++c) own.rig.cameras.push_back(scaled(cameras_[c], factors[c]));
       Result<TrackResult> result = track(settings_, quiet_, nullptr, &own);
-      if (!result || !std::ranges::any_of(result->reconstruction.calibration, is_told_focal))
-        return std::nullopt;
-      const Factors next = told_by_map(factors, result->reconstruction.calibration, known);
+      if (!result) return std::nullopt;
+      const std::vector<CalibrationNumber>& numbers = result->reconstruction.calibration;
+      // What one map told another need not tell again, once all fits; of guesses none is right by itself.
+      if (!map_tells() && std::ranges::none_of(numbers, is_told_focal)) return std::nullopt;
+      const Factors next = told_by_map(factors, numbers, known);
       const bool stay = std::ranges::equal(
           next, factors, [](double x, double y) { return std::abs(std::log(x / y)) <= kSettled; });
       factors = next;
@@ -366,6 +374,13 @@ std::string doubt_warning(const std::vector<LensDoubt>& doubts, size_t cameras) 
             "{} is another one than that of the camera file: the footage tells a focal length of {:.0f} px, "
             "not {:.0f} px; poses are those of the camera file, and most likely wrong",
             name, doubt.seen, doubt.given);
+        break;
+      case LensDoubt::By::kApart:
+        text += fmt::format(
+            "{} or its place in the rig is another one than that of the camera file: what it sees, other "
+            "cameras "
+            "that should see it too do not; poses, and above all their scale, may be wrong",
+            name);
         break;
       case LensDoubt::By::kMisfit:
         text += fmt::format(
