@@ -137,13 +137,16 @@ class OwnLensSearch {
         return std::nullopt;  // the file is right
       }
     }
+    // Its footage was tracked from guesses already, and may show that the camera zooms.
+    if (own_first) return std::nullopt;
     Factors told = told_by_first_run();
-    if (auto better = settled(told, told)) return better;
+    Factors known = told;
+    for (const LensDoubt& doubt : doubts_) known[doubt.camera] = 0;
+    if (auto better = settled(told, known)) return better;
     if (!is_alone_) {
       told = told_by_each(told);
       if (auto better = settled(told, told)) return better;
     }
-    if (own_first) return std::nullopt;  // its footage was tracked from guesses already
     if (auto better = guessed(told)) return better;
     if (!is_alone_) return std::nullopt;
     const std::optional<FoundLens> own = own_lens_of(first);
