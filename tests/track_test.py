@@ -230,6 +230,45 @@ class Success(TrackTest):
         self.assertEqual((report["lens_source"], report["frames"]["posed"]), ("footage", 100))
         self.assertLess(error["wrong"], 2 * error["right"])
 
+    def test_lenses_of_a_rig_and_of_a_mirror_that_are_not_theirs(self):
+        """All of a rig's, the second one's alone, a mirror's: tracked with what the footage tells, as well as with the right file."""
+        for name, factor, cameras, limit in (("tri-rig", 0.7, (0, 1, 2), 0.0004), ("tri-rig", 1.25, (1,), 0.0004),
+                                             ("mirror", 1.4, (0,), 0.004)):
+            source = SHARED / "rendered" / name
+            if not source.exists():
+                self.skipTest(f"{source} is missing")
+            parts = (source / "camera.yaml").read_text().split("- name:")
+            for c in cameras:
+                parts[1 + c] = re.sub(r"(fx|fy): ([\d.]+)", lambda m: f"{m[1]}: {factor * float(m[2])}", parts[1 + c])
+            wrong = self.file("wrong.yaml", "- name:".join(parts))
+            done = run("track", source, "--camera", wrong, "--out", self.out)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            report = json.loads((self.out / "report.json").read_text())
+            self.assertIn("another one than that of the camera file: the footage tells a focal length of", report["warnings"][0])
+            for c in cameras:
+                focal = next(n for n in report["calibration"] if n["name"] == "fx" and n["camera"] == c)["refined"]
+                self.assertLess(abs(focal / (1640 if name == "mirror" else 270) - 1), 0.01)
+            result = json.loads(run("eval", self.out, source / "truth.txt", "--json").stdout)
+            self.assertLess(result["ate"]["mean"] / result["length_m"], limit)
+            if name == "tri-rig":
+                self.assertEqual(report["scale"], "metric")
+                self.assertLess(abs(result["scale"] - 1), 0.02)
+
+    def test_cameras_that_do_not_see_the_same(self):
+        """A straight drive tells no focal length: that one lens of a pair is wrong shows in what they do not share, and no scale is told."""
+        source = SHARED / "kitti06-stereo"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        left, right = (source / "camera.yaml").read_text().split("- name: right")
+        wrong = self.file("wrong.yaml", left + "- name: right" + right.replace("707.0912", "883.864"))
+        report = {}
+        for name, camera in (("right", source / "camera.yaml"), ("wrong", wrong)):
+            self.assertEqual(self.track(source, "--camera", camera, out=self.folder / name).returncode, 0)
+            report[name] = json.loads((self.folder / name / "report.json").read_text())
+        self.assertEqual((report["right"]["warnings"], report["right"]["scale"]), ([], "metric"))
+        self.assertIn("that should see it too do not", report["wrong"]["warnings"][0])
+        self.assertEqual(report["wrong"]["scale"], "arbitrary")
+
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""
         sequence = self.folder / "sequence"

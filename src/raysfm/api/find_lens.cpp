@@ -15,6 +15,7 @@
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
+#include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -39,6 +40,12 @@ constexpr double kMostAside = 4;
 // of what is found another lens is away. Those of corners are too small by about so much: the distortion is
 // left out.
 constexpr double kUsual = CalibrationPrior{}.focal, kSurely = 4, kOptimistic = 2;
+// What a map explains badly: observations that fit it are this far off, pixels; a camera has less than this
+// part of the observations that others have; or fewer frames have a pose.
+constexpr double kBadFit = 0.6, kFewFit = 0.25, kFewPosed = 0.5;
+// Cameras do not see the same things where less than this part is common of so many points that should be.
+constexpr double kFewCommon = 0.15;
+constexpr int kEnoughCommon = 100;
 
 // Views for a lens of corners; focal lengths as a part of the width, beyond which there is none; samples of
 // each RANSAC: ten times as many find the same in twice the time.
@@ -138,8 +145,8 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
                           double posed) {
   constexpr double kModelError = 0.005;
   const double doubt = kOptimism / posed;
-  FoundLens lens{found.camera, {}, {}, true};
-  lens.camera.name = "camera";
+  FoundLens lens{Rig{{found.camera}}, {}, {}, true};
+  lens.rig.cameras[0].name = "camera";
   lens.prior.focal = doubt * std::hypot(found.sigma.focal, kModelError);
   lens.prior.centre = std::clamp(doubt * found.sigma.centre, kSurest.centre, kVaguest.centre);
   lens.prior.rim = std::clamp(doubt * found.sigma.rim, kSurest.rim, kVaguest.rim);
@@ -231,7 +238,7 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
             fmt::format("the optical axis would meet the image {:.0f} % of its size from its middle",
                         100 * aside)};
   }
-  const bool is_wide = !wide_lens_warning(telling.lens->camera).empty();
+  const bool is_wide = !wide_lens_warning(telling.lens->camera()).empty();
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
   const double sigma = telling.lens->prior.focal;
   if (!(sigma <= kUsable)) {
@@ -271,8 +278,9 @@ void make_square(double pixel_aspect, PointTracks* tracks) {
 // A lens that such tracks told, of the images as they are.
 void make_as_stored(const FrameSource& source, FoundLens* lens) {
   const double pixel_aspect = source.pixel_aspect();
-  if (pixel_aspect == 1 || !stretch(1 / pixel_aspect, &lens->camera)) return;
-  lens->camera.width = source.width();
+  Camera& camera = lens->rig.cameras[0];
+  if (pixel_aspect == 1 || !stretch(1 / pixel_aspect, &camera)) return;
+  camera.width = source.width();
   lens->origin.focal /= pixel_aspect;
 }
 
@@ -306,7 +314,7 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
 
 FoundLens lens_of_fov(double fov_deg, const FrameSource& source) {
   const double focal = focal_of_fov(fov_deg, source.width());
-  FoundLens lens{pinhole_camera(focal, source), kTold, {}};
+  FoundLens lens{Rig{{pinhole_camera(focal, source)}}, kTold, {}};
   lens.origin = {.source = "told field of view", .focal = focal, .focal_sigma = kTold.focal};
   return lens;
 }
@@ -344,15 +352,27 @@ std::optional<FoundLens> ask_tracking(const TrackSettings& settings, const Frame
   return lens;
 }
 
-// Null of cameras without one, and where nothing was refined.
-const CalibrationNumber* focal_number(const std::vector<CalibrationNumber>& calibration) {
-  const auto is_focal = [](const CalibrationNumber& n) { return n.camera == 0 && n.name == "fx"; };
-  const auto at = std::ranges::find_if(calibration, is_focal);
-  return at == calibration.end() ? nullptr : &*at;
-}
+// Points of a camera that another one, whose view it shares, should see too, and those that it does.
+struct Common {
+  int expected = 0, seen = 0;
+};
 
-bool differ(double a, double b, double sigma) {
-  return std::abs(std::log(a / b)) > kSurely * std::hypot(kUsual, sigma);
+// Of the observations of one key frame. `in_camera`: a point in the frame of a camera.
+template <typename InCamera>
+void count_common(std::span<const Observation> observations, const TrackingRig& rig, InCamera in_camera,
+                  std::vector<Common>* common) {
+  if (rig.common_views().empty()) return;
+  std::vector<std::pair<int, int>> seen;  // camera, point
+  for (const Observation& o : observations) seen.emplace_back(o.camera, o.point);
+  std::ranges::sort(seen);
+  for (const auto& [a, b] : rig.common_views()) {
+    for (const Observation& o : observations) {
+      Eigen::Vector2d pixel;
+      if (o.camera != a || !rig.see(b, in_camera(b, o.point), &pixel)) continue;
+      ++(*common)[a].expected;
+      (*common)[a].seen += std::ranges::binary_search(seen, std::pair(b, o.point));
+    }
+  }
 }
 
 // As the lens would show it without its distortion.
@@ -388,10 +408,11 @@ FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTr
                           double posed) {
   const size_t image = first_posed(found);
   const CalibrationPrior prior = prior_of(found, static_cast<int>(image), tracks, posed);
-  FoundLens lens{frame_lens(found.scene.lenses[image], found.radial).camera, prior, {}};
-  lens.camera.name = "camera";
-  lens.camera.width = static_cast<int>(tracks.image_size.x());
-  lens.camera.height = static_cast<int>(tracks.image_size.y());
+  FoundLens lens{Rig{{frame_lens(found.scene.lenses[image], found.radial).camera}}, prior, {}};
+  Camera& camera = lens.rig.cameras[0];
+  camera.name = "camera";
+  camera.width = static_cast<int>(tracks.image_size.x());
+  camera.height = static_cast<int>(tracks.image_size.y());
   lens.origin = {.source = "footage",
                  .first_frame = first_frame,
                  .last_frame = first_frame + tracks.image_count - 1,
@@ -486,52 +507,97 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
   return CornerFocal{focal, sigma / focal};
 }
 
-bool tells_focal(const std::vector<CalibrationNumber>& calibration) {
-  const CalibrationNumber* focal = focal_number(calibration);
-  return focal && focal->told;
+std::vector<CameraFit> fits_of_cameras(const Reconstruction& r, const TrackingRig& rig) {
+  constexpr size_t kAsked = 64;  // key frames
+  std::vector<CameraFit> fits(rig.size());
+  std::vector<Common> common(rig.size());
+  const size_t step = r.keyframes.size() / kAsked + 1;
+  for (size_t k = 0; k < r.keyframes.size(); k += step) {
+    const KeyFrame& keyframe = r.keyframes[k];
+    const Rigid3 rig_from_world = r.frames[keyframe.frame].world_from_rig->inverse();
+    const auto in_camera = [&](int c, int point) {
+      return rig.cam_from_rig(c) * (rig_from_world * r.points[point].position);
+    };
+    const std::span seen =
+        std::span(r.observations)
+            .subspan(keyframe.first_observation, keyframe.last_observation - keyframe.first_observation);
+    for (const Observation& o : seen) {
+      Eigen::Vector2d pixel;
+      if (!rig.find(o.camera, in_camera(o.camera, o.point), &pixel)) continue;
+      fits[o.camera].rms += (pixel - o.pixel).squaredNorm();
+      ++fits[o.camera].observations;
+    }
+    count_common(seen, rig, in_camera, &common);
+  }
+  double all = 0;
+  for (CameraFit& fit : fits) {
+    fit.rms = std::sqrt(fit.rms / std::max(1, fit.observations));
+    all += fit.observations;
+  }
+  const bool is_lost = posed_count(r) < kFewPosed * static_cast<double>(r.frames.size());
+  for (size_t c = 0; c < fits.size(); ++c) {
+    CameraFit& fit = fits[c];
+    const bool has_few = fit.observations < kFewFit * all / static_cast<double>(fits.size()) || all == 0;
+    fit.is_bad = is_lost || has_few || fit.rms > kBadFit;
+    fit.is_apart = common[c].expected >= kEnoughCommon && common[c].seen < kFewCommon * common[c].expected;
+  }
+  return fits;
 }
 
-std::optional<LensDoubt> doubt_of_lens(const Reconstruction& r, std::span<const ViewPtr> keyframes,
-                                       const ViewMaker& maker, uint64_t seed) {
-  const CalibrationNumber* focal = focal_number(r.calibration);
-  if (!focal) return std::nullopt;
-  if (differ(focal->refined, focal->given, 0)) return LensDoubt{focal->given, focal->refined, true};
-  if (focal->told) return std::nullopt;
+bool tells_focals(const std::vector<CalibrationNumber>& calibration) {
+  bool has = false, all = true;
+  for (const CalibrationNumber& n : calibration) {
+    if (n.name == "fx") has = true, all &= n.told;
+  }
+  return has && all;
+}
+
+bool differ(double a, double b, double sigma) {
+  return std::abs(std::log(a / b)) > kSurely * std::hypot(kUsual, sigma);
+}
+
+std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const ViewPtr> keyframes,
+                                        const TrackingRig& rig, const ViewMaker& maker, uint64_t seed) {
+  std::vector<LensDoubt> doubts;
   std::vector<ViewPtr> views;
-  for (const ViewPtr& view : keyframes) views.push_back(maker.detected(view));
-  const std::optional<CornerFocal> seen = focal_of_corners(views, r.rig.cameras[0], 0, seed);
-  if (!seen || !differ(seen->focal, focal->refined, kOptimistic * seen->sigma)) return std::nullopt;
-  return LensDoubt{focal->given, seen->focal, false};
+  const std::vector<CameraFit> fits = fits_of_cameras(r, rig);
+  for (const CalibrationNumber& focal : r.calibration) {
+    if (focal.name != "fx") continue;
+    const int c = focal.camera;
+    if (differ(focal.refined, focal.given, 0)) {
+      doubts.push_back({c, LensDoubt::By::kMap, focal.given, focal.refined});
+      continue;
+    }
+    if (fits[c].is_apart && (focal.told || !fits[c].is_bad)) {
+      doubts.push_back({c, LensDoubt::By::kApart, focal.given, focal.given});
+      continue;
+    }
+    // One camera alone may fit a wrong map; those of a rig hold each other.
+    if (focal.told || (c > 0 && !fits[c].is_bad)) continue;
+    for (size_t k = views.size(); k < keyframes.size(); ++k) views.push_back(maker.detected(keyframes[k]));
+    const std::optional<CornerFocal> seen = focal_of_corners(views, r.rig.cameras[c], c, seed);
+    if (seen && differ(seen->focal, focal.refined, kOptimistic * seen->sigma)) {
+      doubts.push_back({c, LensDoubt::By::kCorners, focal.given, seen->focal});
+    } else if (!seen && fits[c].is_bad) {
+      const double far_off = fits[c].rms > kBadFit ? fits[c].rms : 0;
+      doubts.push_back({c, LensDoubt::By::kMisfit, focal.given, focal.given, far_off});
+    }
+  }
+  return doubts;
 }
 
-std::string doubt_warning(const LensDoubt& doubt) {
-  return fmt::format(
-      "the lens is another one than that of the camera file: {} a focal length of {:.0f} px, not {:.0f} px; "
-      "{}",
-      doubt.refined ? "the map tells" : "the footage tells", doubt.seen, doubt.given,
-      doubt.refined ? "what was matched before that was known may be missing or wrong"
-                    : "poses are those of the camera file, and most likely wrong");
-}
-
-std::optional<FoundLens> own_lens(const TrackSettings& settings, const LensDoubt& doubt, Input input,
+std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bool is_alone,
                                   const TrackCallbacks& callbacks) {
-  tell(callbacks.event, Event::Level::kInfo,
-       "track is not sure of the lens of the camera file: the footage is asked for its own");
-  TrackCallbacks unheard = callbacks;  // there is a camera file, and what comes of it is told by the caller
-  unheard.event = {};
+  input.streams.resize(1);
+  auto reader = TrackReader::open(std::move(input), SolveSettings().features, settings.threads);
+  if (!reader) return std::nullopt;
   ZoomedStretch zoom;
-  Result<FoundLens> own = find_lens(settings, std::move(input), unheard, &zoom);
-  if (!own || zoom.last_frame >= 0 || own->origin.source != "footage") return std::nullopt;
-  if (!differ(own->origin.focal, doubt.given, 0)) return std::nullopt;
-  return *std::move(own);
-}
-
-std::string own_lens_warning(const LensDoubt& doubt, const FoundLens& own) {
-  return fmt::format(
-      "the lens is another one than that of the camera file: the footage tells a focal length of {:.0f} px, "
-      "not "
-      "{:.0f} px, and is tracked with its own",
-      own.origin.focal, doubt.given);
+  Result<Telling> asked = ask_footage(settings, **reader, callbacks, &zoom);
+  if (!asked || zoom.last_frame >= 0 || callbacks.stopped()) return std::nullopt;
+  std::optional<FoundLens> own = std::move(asked->lens);
+  if (own) make_as_stored((*reader)->source(), &*own);
+  if (!own && is_alone) own = lens_by_tracking(settings, (*reader)->source(), callbacks);
+  return own;
 }
 
 }  // namespace raysfm

@@ -97,21 +97,12 @@ Result<GrayImage> mask_of(const Camera& camera, const Input& input) {
   return mask;
 }
 
-// `lens_is_found`: whatever calibration lies beside the images.
-Result<Input> open_inputs(const TrackSettings& settings, bool lens_is_found = false) {
-  return open_input(settings.inputs, {.fps = settings.fps,
-                                      .mono = settings.mono,
-                                      .ignore_calibration = lens_is_found || !settings.camera.empty(),
-                                      .threads = settings.threads,
-                                      .range = settings.range});
-}
-
 Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens& lens) {
   Result<Input> input = open_inputs(settings, true);
   if (!input) return input.error();
-  input->streams.resize(1);
+  if (lens.rig.cameras.size() == 1) input->streams.resize(1);
   return Sources{*std::move(input),
-                 Rig{{lens.camera}},
+                 lens.rig,
                  {},
                  lens.origin,
                  lens.prior,
@@ -142,7 +133,7 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   Result<Sources> sources = lens ? sources_with_lens(settings, *lens) : Sources();
   if (!sources) return sources;
   if (seen && !solved) sources->zoom.warning = zoom_warning(stretch);
-  sources->zoom.may_be = lens && wide_lens_warning(lens->camera).empty();
+  sources->zoom.may_be = lens && wide_lens_warning(lens->camera()).empty();
   sources->zoom.may_be_solved = may_be_solved;
   sources->zoom.solved = std::move(solved);
   sources->find_ms = milliseconds_since(start);
@@ -484,7 +475,7 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
 // What a run tells beside its result.
 struct Aftermath {
   std::optional<SeenZoom> zoom;
-  std::optional<LensDoubt> doubt;
+  std::vector<LensDoubt> doubts;
 };
 
 // Where time stamps only count frames: what is told in seconds, as of footage of the usual rate.
@@ -524,14 +515,16 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
     warn(callbacks.event, wide_lens_warning(tracker.rig().rig().cameras[0]), &warnings);
   }
   std::vector<ViewPtr> keyframes;
-  if (sources->lens_is_given() && !tells_focal(tracker.calibration()))
+  if (sources->lens_is_given() && !tells_focals(tracker.calibration()))
     keyframes = tracker.newest_keyframes(kDoubtful);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
-  if (sources->lens_is_given() && !read->stopped)
-    aftermath->doubt = doubt_of_lens(out.reconstruction, keyframes, tracker.maker(), settings.odometry.seed);
+  if (sources->lens_is_given() && !read->stopped) {
+    aftermath->doubts = doubts_of_lenses(out.reconstruction, keyframes, tracker.rig(), tracker.maker(),
+                                         settings.odometry.seed);
+  }
   if (read->stopped) explain_interruption(&out.reconstruction);
   warn(callbacks.event, start_warning(out.reconstruction), &warnings);
   warn(callbacks.event, unit_warning(out.reconstruction.rig, *sources), &warnings);
@@ -548,42 +541,34 @@ void warn_first(const TrackCallbacks& callbacks, const std::string& warning, Tra
   result->report.warnings.insert(result->report.warnings.begin(), warning);
 }
 
-// The lens that the footage of the first camera tells by itself, where that is another one than the given;
-// none of footage that cannot be read again, nor by itself.
-std::optional<FoundLens> ask_for_own_lens(const TrackSettings& given, const TrackCallbacks& callbacks,
-                                          const Sources& sources, const LensDoubt& doubt) {
-  if (sources.input.layout == "device" || sources.input.streams.size() != sources.rig.cameras.size())
-    return std::nullopt;
-  TrackSettings of_first = given;
-  of_first.mono = true;
-  Result<Input> input = open_inputs(of_first, true);
-  return input ? own_lens(of_first, doubt, *std::move(input), callbacks) : std::nullopt;
-}
-
-// The footage tracked with its own lens, where that is another one than the given and poses hardly fewer
-// frames; else what there is to say is said in `tracked`. What corners alone say against a lens counts only
-// where the footage as a whole says the same.
+// The footage tracked with its own lens instead, where that is another one than the given. Else what there is
+// to say is said in `tracked`, whose scale is then as doubtful as its cameras.
 std::optional<TrackResult> with_own_lens(const TrackSettings& given, const TrackCallbacks& callbacks,
-                                         const Sources& sources, const LensDoubt& doubt,
+                                         const Sources& sources, const std::vector<LensDoubt>& doubts,
                                          TrackResult* tracked) {
-  const std::optional<FoundLens> own = ask_for_own_lens(given, callbacks, sources, doubt);
-  if (!own && !doubt.refined) return std::nullopt;
-  const bool is_alone = sources.rig.cameras.size() == 1;
-  // A saved map is that of its cameras.
-  if (own && is_alone && given.map.empty() && given.save_map.empty() && !callbacks.stopped()) {
-    TrackSettings again = given;
-    again.checkpoint.clear();  // of the run with the other lens
-    Result<TrackResult> better = track(again, callbacks, nullptr, &*own);
-    if (better && reaches_enough(*better, posed_count(tracked->reconstruction))) {
-      warn_first(callbacks, own_lens_warning(doubt, *own), &*better);
-      return *std::move(better);
-    }
+  const GivenCameras cameras{sources.rig, sources.input.layout != "device"};
+  std::string warning;
+  std::optional<TrackResult> own = track_with_own_lens(given, callbacks, cameras, doubts, *tracked, &warning);
+  if (own) {
+    for (const std::string& w : own->report.warnings) tell(callbacks.event, Event::Level::kWarning, w);
   }
-  warn_first(callbacks, doubt_warning(doubt), tracked);
+  if (!warning.empty()) warn_first(callbacks, warning, own ? &*own : tracked);
+  if (own || warning.empty()) return own;
+  Reconstruction& r = tracked->reconstruction;
+  r.metric_scale = false;
+  for (Segment& segment : r.segments) segment.metric_scale = false;
   return std::nullopt;
 }
 
 }  // namespace
+
+Result<Input> open_inputs(const TrackSettings& settings, bool lens_is_found) {
+  return open_input(settings.inputs, {.fps = settings.fps,
+                                      .mono = settings.mono,
+                                      .ignore_calibration = lens_is_found || !settings.camera.empty(),
+                                      .threads = settings.threads,
+                                      .range = settings.range});
+}
 
 Result<OdometryOptions> odometry_options(const TrackSettings& given) {
   TrackSettings settings = given;
@@ -649,8 +634,8 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   Aftermath aftermath;
   Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &aftermath);
   if (!tracked || (found && found->is_guess)) return tracked;
-  if (aftermath.doubt && !callbacks.stopped()) {
-    auto better = with_own_lens(given, callbacks, *sources, *aftermath.doubt, &*tracked);
+  if (!aftermath.doubts.empty() && !callbacks.stopped()) {
+    auto better = with_own_lens(given, callbacks, *sources, aftermath.doubts, &*tracked);
     if (better) return with_costs(*std::move(better));
   }
   const std::optional<SeenZoom>& change = aftermath.zoom;

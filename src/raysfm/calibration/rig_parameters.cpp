@@ -16,6 +16,8 @@ namespace {
 constexpr double kTurnPrior = 0.02, kShiftPrior = 0.02;
 constexpr double kStep = 1e-3;  // of the standard deviation of a usual prior
 constexpr CalibrationPrior kUsual;
+// Standard deviations by which focal lengths are those of different lenses.
+constexpr double kOtherLens = 4;
 
 std::span<const std::string_view> names_of(const CameraModel& model) {
   return std::visit(
@@ -206,9 +208,14 @@ double RigParameters::number(int i, int c, const Rig& rig) const {
   return number_of(camera.model, p.kind == Kind::kNumber ? p.index : index_of(camera.model, name(i)));
 }
 
+// Where focal lengths are given that differ by more than calibrations are off, lenses do.
 bool RigParameters::is_like_first(int camera) const {
   const Camera &a = given_.cameras[0], &b = given_.cameras[camera];
-  return a.model.index() == b.model.index() && a.width == b.width && a.height == b.height;
+  if (a.model.index() != b.model.index() || a.width != b.width || a.height != b.height) return false;
+  const int focal = index_of(a.model, "fx");
+  if (focal < 0) return true;
+  const double factor = number_of(b.model, focal) / number_of(a.model, focal);
+  return std::abs(std::log(factor)) < kOtherLens * kUsual.focal;
 }
 
 bool RigParameters::concerns(int i, int camera) const {

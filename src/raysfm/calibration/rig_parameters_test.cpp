@@ -111,6 +111,16 @@ TEST(RigParameters, CamerasOfOneMakeShareTheUnknownsOfTheFirst) {
   for (int i = 0; i < shared; ++i) EXPECT_FALSE(RigParameters(other).concerns(i, 1));
 }
 
+// Calibrations of one lens differ by a few percent, and other lenses by more.
+TEST(RigParameters, CamerasOfOtherFocalLengthsShareNothing) {
+  for (const double factor : {0.8, 0.97, 1.03, 1.25}) {
+    Rig rig = stereo_rig();
+    Pinhole& second = std::get<Pinhole>(rig.cameras[1].model);
+    second.fx *= factor, second.fy *= factor;
+    EXPECT_EQ(RigParameters(rig).concerns(0, 1), std::abs(factor - 1) < 0.05) << factor;
+  }
+}
+
 TEST(RigParameters, NumbersAreThoseOfTheCamera) {
   const RigParameters parameters(stereo_rig());
   Eigen::VectorXd values(parameters.size());
