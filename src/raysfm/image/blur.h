@@ -11,14 +11,4 @@ constexpr int kBinomial = 64;  // side of blur3()
 // `out` takes the size of `image`; it must not share its memory.
 void blur3(const GrayView& image, int side, GrayImage* out);
 
-// What becomes of a grey level v: to + gain (v - from), cut off at 0 and 255. `from` and `to` in grey levels,
-// 0 <= `gain` < 8.
-struct Levels {
-  double from = 0, to = 0, gain = 1;
-};
-
-// blur3() twice, but for the border, and then other levels, in one pass that rounds the result alone: what is
-// dim has few levels to lose. `out` takes the size of `image`; it must not share its memory.
-void blur_and_stretch(const GrayView& image, int side, const Levels& levels, GrayImage* out);
-
 }  // namespace raysfm

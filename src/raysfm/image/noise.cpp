@@ -1,10 +1,10 @@
 #include "raysfm/image/noise.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
-#include <utility>
 #include <vector>
 
 #include "raysfm/image/blur.h"
@@ -54,11 +54,25 @@ double quantile(std::vector<double>* values, double share) {
   return *at;
 }
 
-// The side of blur_and_stretch().
+// The side of blur3(), which is to run twice.
 int blur_for(const Grain& grain) {
   const double share = (grain.noise + kUnseen) / grain.contrast;
   const double part = std::clamp((share - kNoisy) / (kVeryNoisy - kNoisy), 0.0, 1.0);
   return static_cast<int>(std::lround(kBinomial * part));
+}
+
+// Levels keep their order; the mean goes towards the middle, so that neither end is cut off.
+void stretch(double gain, double mean, GrayImage* image) {
+  constexpr double kMiddle = 127.5;
+  std::array<uint8_t, 256> levels;
+  for (int v = 0; v < 256; ++v) {
+    const double level = kMiddle + (mean - kMiddle) / gain + gain * (v - mean);
+    levels[v] = static_cast<uint8_t>(std::clamp(level + 0.5, 0.0, 255.0));
+  }
+  for (int y = 0; y < image->height(); ++y) {
+    uint8_t* row = image->row(y);
+    for (int x = 0; x < image->width(); ++x) row[x] = levels[row[x]];
+  }
 }
 
 }  // namespace
@@ -86,14 +100,12 @@ void subdue_noise(GrayImage* image) {
   const Grain grain = grain_of(image->view());
   if (grain.contrast == 0) return;
   const double gain = std::clamp(kLeastContrast / grain.contrast, 1.0, kMostGain);
+  if (gain > 1) stretch(gain, grain.mean, image);
   const int side = blur_for(grain);
-  if (gain == 1 && side == 0) return;
-  // The mean goes towards the middle, so that neither end is cut off.
-  constexpr double kMiddle = 127.5;
-  GrayImage subdued;
-  blur_and_stretch(image->view(), side, {grain.mean, kMiddle + (grain.mean - kMiddle) / gain, gain},
-                   &subdued);
-  *image = std::move(subdued);
+  if (side == 0) return;
+  GrayImage once;
+  blur3(image->view(), side, &once);
+  blur3(once.view(), side, image);
 }
 
 }  // namespace raysfm

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -109,41 +108,9 @@ TEST(Blur, IsNarrowerWithASmallerSide) {
   }
 }
 
-// The exact filter of five, and the levels, rounded once: by a whole level less than two passes of blur3()
-// and a table of levels would be off.
-TEST(Blur, OfFiveIsStretchedWithoutRoundingBetween) {
-  for (const auto& [width, height] : {std::pair{640, 48}, {65, 7}, {5, 1}, {1, 5}, {1, 1}}) {
-    GrayImage image = random_image(width, height, 7);
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) image.row(y)[x] = static_cast<uint8_t>(20 + image.row(y)[x] % 12);
-    }
-    for (const int side : {0, 20, kBinomial}) {
-      const float s = static_cast<float>(side) / 256, near = 2 * s * (1 - 2 * s);
-      const cv::Mat kernel = (cv::Mat_<float>(1, 5) << s * s, near, 1 - 2 * (near + s * s), near, s * s);
-      cv::Mat blurred;
-      cv::sepFilter2D(as_mat(image), blurred, CV_32F, kernel, kernel, {-1, -1}, 0, cv::BORDER_REPLICATE);
-      for (const Levels& levels : {Levels{26, 26, 1}, Levels{26, 102.25, 4}, Levels{22, 245, 3.3}}) {
-        for_each_instruction_set([&](const char* name) {
-          GrayImage out;
-          blur_and_stretch(image.view(), side, levels, &out);
-          for (int y = 0; y < height; ++y) {
-            for (int x = 0; x < width; ++x) {
-              const double level = levels.to + levels.gain * (blurred.at<float>(y, x) - levels.from);
-              ASSERT_NEAR(out.row(y)[x], std::clamp(level, 0.0, 255.0), 0.75)
-                  << name << ' ' << side << ' ' << levels.gain << ' ' << x << ' ' << y;
-            }
-          }
-        });
-      }
-    }
-  }
-}
-
 TEST(Blur, EmptyImage) {
   GrayImage blurred;
   blur3(GrayView{}, kBinomial, &blurred);
-  EXPECT_TRUE(blurred.empty());
-  blur_and_stretch(GrayView{}, kBinomial, {}, &blurred);
   EXPECT_TRUE(blurred.empty());
 }
 
