@@ -468,7 +468,9 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     if (!asked) return asked.error();
     telling = *std::move(asked);
     if (telling.lens) make_as_stored((*reader)->source(), &*telling.lens);
-    if (!telling.lens && !told && zoom->last_frame < 0 && !callbacks.stopped()) {
+    // What a map of a mere turn says of the lens is chance.
+    const bool only_turns = telling.reason.starts_with("pure rotation");
+    if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
       telling.lens = ask_tracking(settings, (*reader)->source(), callbacks);
     }
   }

@@ -107,9 +107,9 @@ bool tells_focals(const std::vector<CalibrationNumber>& calibration);
 
 // The cameras whose lens is hardly the one that was given: where the map told another focal length, or told
 // none and corners do, or these do not tell either and the map explains badly what the camera sees; or where
-// cameras that should see the same do not. What a
-// map is made of was chosen by the lens: where that is far off, the map may say nothing against it.
-// `keyframes`: the newest ones, asked only where the map tells nothing of a perspective lens.
+// cameras that should see the same do not. What a map is made of was chosen by the lens: where that is far
+// off, the map may say nothing against it. `keyframes`: the newest ones, asked only where the map tells
+// nothing of a perspective lens.
 std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& reconstruction,
                                         std::span<const ViewPtr> keyframes, const TrackingRig& rig,
                                         const ViewMaker& maker, uint64_t seed);

@@ -381,15 +381,13 @@ std::string doubt_warning(const std::vector<LensDoubt>& doubts, size_t cameras) 
       case LensDoubt::By::kApart:
         text += fmt::format(
             "{} or its place in the rig is another one than that of the camera file: what it sees, other "
-            "cameras "
-            "that should see it too do not; poses, and above all their scale, may be wrong",
+            "cameras that should see it too do not; poses, and above all their scale, may be wrong",
             name);
         break;
       case LensDoubt::By::kMisfit:
         text += fmt::format(
             "{} may be another one than that of the camera file: {}, and nothing tells its focal length; "
-            "poses "
-            "may be wrong",
+            "poses may be wrong",
             name,
             doubt.rms > 0 ? fmt::format("what it sees is {:.1f} px from where the map has it", doubt.rms)
                           : "little of what it sees fits the map");
