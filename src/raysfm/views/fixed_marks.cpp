@@ -131,7 +131,7 @@ void FixedMarks::take_base(const View& view, int c, Watched* camera) const {
   const CellGrid cells(seen.width, seen.height);
   std::vector<int> all = unmarked(seen, c), in_cell(cells.count()), which;
   constexpr ptrdiff_t kStride = 37;  // corners are in the order of their octaves and places
-  if (!all.empty()) std::ranges::rotate(all, all.begin() + view.frame * kStride % std::ssize(all));
+  if (!all.empty()) std::rotate(all.begin(), all.begin() + view.frame * kStride % std::ssize(all), all.end());
   for (const int f : all) {
     if (++in_cell[cells.at(seen.features.pixels[f])] <= kMostInCell) which.push_back(f);
   }
