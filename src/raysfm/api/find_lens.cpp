@@ -36,10 +36,8 @@ constexpr double kLeastPosed = 0.3;  // part of the frames of a stretch
 // Standard deviations of the principal point from the middle of the image beyond which something else bends a
 // stretch, such as a rolling shutter that turns on the spot.
 constexpr double kMostAside = 4;
-// How far off calibrations are, as a part of the focal length, and how many standard deviations of that and
-// of what is found another lens is away. Those of corners are too small by about so much: the distortion is
-// left out.
-constexpr double kUsual = CalibrationPrior{}.focal, kSurely = 4, kOptimistic = 2;
+// Factor by which standard deviations of corners are too small, about: the distortion is left out.
+constexpr double kOptimistic = 2;
 // What a map explains badly: observations that fit it are this far off, pixels; a camera has less than this
 // part of the observations that others have; or fewer frames have a pose.
 constexpr double kBadFit = 0.6, kFewFit = 0.25, kFewPosed = 0.5;
@@ -554,10 +552,6 @@ bool tells_focals(const std::vector<CalibrationNumber>& calibration) {
   return has && all;
 }
 
-bool differ(double a, double b, double sigma) {
-  return std::abs(std::log(a / b)) > kSurely * std::hypot(kUsual, sigma);
-}
-
 std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const ViewPtr> keyframes,
                                         const TrackingRig& rig, const ViewMaker& maker, uint64_t seed) {
   std::vector<LensDoubt> doubts;
@@ -566,7 +560,7 @@ std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const
   for (const CalibrationNumber& focal : r.calibration) {
     if (focal.name != "fx") continue;
     const int c = focal.camera;
-    if (differ(focal.refined, focal.given, 0)) {
+    if (are_other_lenses(focal.refined, focal.given)) {
       doubts.push_back({c, LensDoubt::By::kMap, focal.given, focal.refined});
       continue;
     }
@@ -578,7 +572,7 @@ std::vector<LensDoubt> doubts_of_lenses(const Reconstruction& r, std::span<const
     if (focal.told || (c > 0 && !fits[c].is_bad)) continue;
     for (size_t k = views.size(); k < keyframes.size(); ++k) views.push_back(maker.detected(keyframes[k]));
     const std::optional<CornerFocal> seen = focal_of_corners(views, r.rig.cameras[c], c, seed);
-    if (seen && differ(seen->focal, focal.refined, kOptimistic * seen->sigma)) {
+    if (seen && are_other_lenses(seen->focal, focal.refined, kOptimistic * seen->sigma)) {
       doubts.push_back({c, LensDoubt::By::kCorners, focal.given, seen->focal});
     } else if (!seen && fits[c].is_bad) {
       const double far_off = fits[c].rms > kBadFit ? fits[c].rms : 0;

@@ -140,7 +140,4 @@ std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bo
 // Opens the inputs of the settings, once more. `lens_is_found`: whatever calibration lies beside the images.
 Result<Input> open_inputs(const TrackSettings& settings, bool lens_is_found = false);
 
-// Whether two focal lengths are those of different lenses. `sigma`: of their logarithm.
-bool differ(double a, double b, double sigma);
-
 }  // namespace raysfm

@@ -98,7 +98,7 @@ bool is_perspective(const Camera& camera) {
 // Whether cameras have the same lens, as far as a file says.
 bool are_of_one_make(const Camera& a, const Camera& b) {
   return a.model.index() == b.model.index() && a.width == b.width && a.height == b.height &&
-         !differ(a.pixels_per_radian(), b.pixels_per_radian(), 0);
+         !are_other_lenses(a.pixels_per_radian(), b.pixels_per_radian());
 }
 
 Camera scaled(const Camera& camera, double factor) {
@@ -128,17 +128,8 @@ class OwnLensSearch {
 
   std::optional<TrackResult> find() {
     const LensDoubt& first = doubts_[0];
-    const bool own_first = is_alone_ && is_perspective(cameras_[0]);
-    if (own_first) {
-      const std::optional<FoundLens> own = own_lens_of(first);
-      if (own && is_another(*own, first)) {
-        if (auto better = tracked_with(*own)) return better;
-      } else if (own && first.by != LensDoubt::By::kMap) {
-        return std::nullopt;  // the file is right
-      }
-    }
-    // Its footage was tracked from guesses already, and may show that the camera zooms.
-    if (own_first) return std::nullopt;
+    // Its footage is tracked from guesses for that, and may show that the camera zooms.
+    if (is_alone_ && is_perspective(cameras_[0])) return tracked_with_lens_of(first);
     Factors told = told_by_first_run();
     Factors known = told;
     for (const LensDoubt& doubt : doubts_) known[doubt.camera] = 0;
@@ -149,8 +140,7 @@ class OwnLensSearch {
     }
     if (auto better = guessed(told)) return better;
     if (!is_alone_) return std::nullopt;
-    const std::optional<FoundLens> own = own_lens_of(first);
-    return own && is_another(*own, first) ? tracked_with(*own) : std::nullopt;
+    return tracked_with_lens_of(first);
   }
 
   // Whether the camera file is most likely wrong, where nothing better was found: corners alone may err, and
@@ -189,8 +179,10 @@ class OwnLensSearch {
     return own_lens(settings_, *std::move(input), is_alone_, quiet_);
   }
 
-  static bool is_another(const FoundLens& own, const LensDoubt& doubt) {
-    return differ(own.origin.focal, doubt.given, 0);
+  // With what the footage of one camera tells by itself, where that is another lens.
+  std::optional<TrackResult> tracked_with_lens_of(const LensDoubt& doubt) {
+    const std::optional<FoundLens> own = own_lens_of(doubt);
+    return own && are_other_lenses(own->origin.focal, doubt.given) ? tracked_with(*own) : std::nullopt;
   }
 
   std::optional<TrackResult> tracked_with(const FoundLens& own) {
@@ -265,7 +257,8 @@ class OwnLensSearch {
   // map of the footage has, until these stay. Other numbers are the file's each time: those of a map with
   // another lens were made up by it.
   std::optional<TrackResult> settled(const Factors& start, const Factors& known) {
-    if (std::ranges::none_of(start, [](double f) { return f > 0 && differ(f, 1, 0); })) return std::nullopt;
+    if (std::ranges::none_of(start, [](double f) { return f > 0 && are_other_lenses(f, 1); }))
+      return std::nullopt;
     Factors factors = shared(start);
     for (int round = 0; round < kMostRounds && !quiet_.stopped(); ++round) {
       FoundLens own{{}, {}, {.source = "footage"}, true, true};
@@ -280,7 +273,7 @@ class OwnLensSearch {
           next, factors, [](double x, double y) { return std::abs(std::log(x / y)) <= kSettled; });
       factors = next;
       if (!stay) continue;
-      if (std::ranges::none_of(factors, [](double f) { return differ(f, 1, 0); })) return std::nullopt;
+      if (std::ranges::none_of(factors, [](double f) { return are_other_lenses(f, 1); })) return std::nullopt;
       is_confirmed_ = true;
       if (!is_good(*result)) return std::nullopt;
       tell_origin(&*result);
@@ -326,7 +319,7 @@ std::string own_lens_warning(const Reconstruction& own, const Reconstruction& wi
   for (int c = 0; c < cameras; ++c) {
     const double now = focal_number(own, c, &CalibrationNumber::refined);
     const double then = focal_number(with_file, c, &CalibrationNumber::given);
-    if (!(now > 0 && then > 0 && differ(now, then, 0))) continue;
+    if (!(now > 0 && then > 0 && are_other_lenses(now, then))) continue;
     text += fmt::format(
         "{}{} is another one than that of the camera file: the footage tells a focal length of {:.0f} px, "
         "not {:.0f} px",

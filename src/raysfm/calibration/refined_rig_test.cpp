@@ -54,7 +54,6 @@ double largest_difference(const Rig& a, const Rig& b) {
   return most;
 }
 
-// Each number alone, of every camera; and all at once, where turns about several axes do not commute.
 void expect_taken_apart(const Rig& given, const RigParameters& parameters, const Eigen::VectorXd& values,
                         double most) {
   const Rig refined = parameters.rig(values);

@@ -16,7 +16,7 @@ namespace {
 constexpr double kTurnPrior = 0.02, kShiftPrior = 0.02;
 constexpr double kStep = 1e-3;  // of the standard deviation of a usual prior
 constexpr CalibrationPrior kUsual;
-// Standard deviations by which focal lengths are those of different lenses.
+// Standard deviations.
 constexpr double kOtherLens = 4;
 
 std::span<const std::string_view> names_of(const CameraModel& model) {
@@ -130,6 +130,10 @@ void change(const RigParameters::Parameter& p, double value, Camera* camera) {
 
 }  // namespace
 
+bool are_other_lenses(double focal_a, double focal_b, double sigma) {
+  return std::abs(std::log(focal_a / focal_b)) > kOtherLens * std::hypot(kUsual.focal, sigma);
+}
+
 RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPrior& prior)
     : given_(given), doubt_(doubt), prior_(prior) {
   for (int c = 0; c < static_cast<int>(given_.cameras.size()); ++c) {
@@ -214,8 +218,7 @@ bool RigParameters::is_like_first(int camera) const {
   if (a.model.index() != b.model.index() || a.width != b.width || a.height != b.height) return false;
   const int focal = index_of(a.model, "fx");
   if (focal < 0) return true;
-  const double factor = number_of(b.model, focal) / number_of(a.model, focal);
-  return std::abs(std::log(factor)) < kOtherLens * kUsual.focal;
+  return !are_other_lenses(number_of(b.model, focal), number_of(a.model, focal));
 }
 
 bool RigParameters::concerns(int i, int camera) const {

@@ -18,6 +18,10 @@ struct CalibrationPrior {
   double readout = 0;     // of a rolling shutter whose readout is not given, seconds; 0: there is none
 };
 
+// Whether two focal lengths are those of different lenses: farther apart than usual calibrations are off.
+// `sigma`: of their ratio's logarithm, besides.
+bool are_other_lenses(double focal_a, double focal_b, double sigma = 0);
+
 // The calibration of a rig as unknowns: how far each number is from the one given, so that zero is the given
 // calibration. The focal lengths of a camera are one unknown (the logarithm of their common factor) and their
 // aspect another, since whatever is wrong with one is mostly wrong with both. So it is with cameras of one

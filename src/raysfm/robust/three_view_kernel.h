@@ -4,13 +4,13 @@
 
 namespace raysfm {
 
-// Points of three views, eight side by side, for ThreeViewRefiner. A point is where its bearing in view 0 was
-// moved in its tangent plane, over an inverse distance, so that points at infinity do not hurt.
+// Points side by side; numbers of a step of the poses, and of the upper triangle of their equations.
 inline constexpr int kPointLanes = 8;
 inline constexpr int kPoseNumbers = 11;
 inline constexpr int kHessianNumbers = kPoseNumbers * (kPoseNumbers + 1) / 2;
 
-// Eight of them, by lanes.
+// Points of three views, eight side by side, for ThreeViewRefiner. A point is where its bearing in view 0 was
+// moved in its tangent plane, over an inverse distance, so that points at infinity do not hurt.
 struct ThreeViewPoints {
   using Lane = double[kPointLanes];
 
