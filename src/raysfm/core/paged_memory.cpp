@@ -30,7 +30,7 @@ constexpr size_t kReserved = size_t{256} << 30;  // bytes of addresses, the most
 constexpr size_t kMostAligned = 1 << 20;
 constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap, and not counted
 constexpr size_t kLargePage = 2 << 20;
-constexpr size_t kMostWasted = 512 << 10;  // bytes of the last large page of a block
+constexpr size_t kMostWasted = 128 << 10;  // bytes of the last large page of a block
 constexpr size_t kLeastInLargePages = kLargePage - kMostWasted;
 constexpr std::align_val_t kCacheLine{64}, kLargePageLine{kLargePage};
 constexpr std::chrono::milliseconds kWatched{2};

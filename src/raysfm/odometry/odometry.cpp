@@ -806,11 +806,11 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     }
   }
   if (tracking()) look_about(static_cast<int>(segment().map.keyframes.size()));
+  release_views();
   const std::vector<int> numbers = numbers_of_segments();
   for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
     if (numbers[s] >= 0) refine_calibration(s, true);
   }
-  release_views();
   for (size_t s = 0; s < segments_.size(); ++s) {
     SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
