@@ -52,18 +52,20 @@ Result<Part> parse_part(const std::string& text) {
   return bad_input(fmt::format("--part = '{}': must be NUMBER/COUNT, e.g. 1/4", shown(text)));
 }
 
-// The last line that a run left in its log.
-std::string last_line(const fs::path& log) {
+// Why a run has no result, from its log: the error that it tells, which a summary of what there is may
+// follow; else the last line.
+std::string reason_in(const fs::path& log, const std::string& command) {
   constexpr uintmax_t kMaxLogBytes = 64 << 20;
-  const Result<std::string> text = read_text_file(log, kMaxLogBytes);
-  if (!text) return text.error().message;
-  const std::string_view trim = trimmed(*text);
-  const size_t end = trim.find_last_of("\r\n");
-  std::string line(end == std::string_view::npos ? trim : trim.substr(end + 1));
-  for (const char* begin : {"raysfm track: ", "raysfm solve: ", "raysfm: "}) {
-    if (line.starts_with(begin)) return line.substr(std::string_view(begin).size());
+  const Result<std::string> read = read_text_file(log, kMaxLogBytes);
+  if (!read) return read.error().message;
+  const std::string text = fmt::format("\n{}", trimmed(*read));
+  for (const std::string& begin : {fmt::format("\nraysfm {}: ", command), std::string("\nraysfm: ")}) {
+    const size_t at = text.rfind(begin);
+    if (at == std::string::npos) continue;
+    const std::string error = text.substr(at + begin.size());
+    return error.substr(0, error.find('\n'));
   }
-  return line;
+  return text.substr(text.rfind('\n') + 1);
 }
 
 // Runs jobs, so many at a time, until all are done or somebody wants them to end.
@@ -141,7 +143,7 @@ class BatchRunner {
     if (!end.signal.empty()) {
       record.reason = fmt::format("ended by a signal: {}", end.signal);
     } else if (end.exit_code != 0) {
-      record.reason = last_line(folder_.log(job));
+      record.reason = reason_in(folder_.log(job), job.arguments.front());
       if (record.reason.empty()) record.reason = fmt::format("ended with exit code {}", end.exit_code);
     } else if (!fs::exists(folder_.result(job) / "report.json", failure)) {
       record.exit_code = 1;
