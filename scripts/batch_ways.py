@@ -119,7 +119,7 @@ def slurm(way):
         way.batch("--slurm", folder / "job.sh")
         subprocess.run(["sbatch", "--wait", folder / "job.sh"], env=node.environment, cwd=folder, capture_output=True)
     way.batch("--summary")
-    version = subprocess.run(["sinfo", "--version"], capture_output=True, text=True).stdout.strip()
+    version = subprocess.run(["slurmd", "-V"], capture_output=True, text=True).stdout.strip()
     return f"`sbatch --wait job.sh`, {version} on this machine"
 
 
@@ -135,7 +135,9 @@ def dask(way):
 
 
 def files_of(way):
-    return sorted(p.relative_to(way.out) for p in way.out.rglob("*") if p.is_file() and p.relative_to(way.out).parts[0] != "batch")
+    """All but the records of the batch, and what a job that was killed was writing, which goes when its folder is next written."""
+    names = (path.relative_to(way.out) for path in way.out.rglob("*") if path.is_file())
+    return sorted(name for name in names if name.parts[0] != "batch" and not name.parts[0].startswith("."))
 
 
 def content(path, way):

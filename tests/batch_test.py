@@ -305,6 +305,28 @@ class Local(BatchTest):
             self.batch("--summary", videos=videos)
             self.assert_all_as_alone()
 
+    def test_what_a_killed_batch_has_left_running_is_waited_for(self):
+        """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
+        videos = self.list_with_a_long_one(250)
+        command = [program.PROGRAM, "batch", videos, "--out", self.out, "--jobs", "1"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+            log = self.out / "batch/long.log"
+            while not log.exists() or "100 posed" not in log.read_text():
+                self.assertIsNone(running.poll())
+                time.sleep(0.01)
+            job = running_in(self.out / "long")[0]
+            os.kill(job, signal.SIGSTOP)
+            running.kill()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as again:
+            while not (self.out / f"batch/{NAMES[2]}.json").exists():
+                time.sleep(0.01)
+            os.kill(job, signal.SIGCONT)
+            said = again.communicate(timeout=120)
+        self.assertEqual(again.returncode, 0, said)
+        self.assertEqual(run("track", self.folder / "long", "--out", self.folder / "alone", "--quiet").returncode, 0)
+        for file in SAME:
+            self.assertEqual((self.out / "long" / file).read_bytes(), (self.folder / "alone" / file).read_bytes(), file)
+
 
 class Clusters(BatchTest):
     def test_slurm(self):
