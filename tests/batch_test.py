@@ -5,13 +5,13 @@ import os
 import pathlib
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
 import unittest
 
 import program
+import slurm_node
 from program import ProgramTest, run
 
 SYSTEM_PYTHON = "/usr/bin/python3"
@@ -78,6 +78,19 @@ class BatchTest(ProgramTest):
             self.assertEqual((row["frames"], row["worlds"], row["exit"], row["reason"]), ("40", "1", "0", ""))
             self.assertGreater(int(row["posed"]), 30)
 
+    def list_with_a_long_one(self, count=4000):
+        """The list, and a video that takes long."""
+        long = self.folder / "long"
+        (long / "images").mkdir(parents=True)
+        shutil.copy(FILMS / "third/camera.yaml", long)
+        for i in range(count):
+            (long / f"images/{i:06}.png").symlink_to(FILMS / f"third/images/{min(i % 78, 78 - i % 78):06}.png")
+        text = "".join(f"'{FILMS / film}' --name '{name}' {flags}\n" for film, name, flags in
+                       (("a street", NAMES[0], "--features 900"), ("second", NAMES[1], "--refine-lens off"), ("third", NAMES[2], "")))
+        return self.file("list.txt", f"{long}\n" + text)
+
+
+class Pieces(BatchTest):
     def test_a_long_video_is_cut_and_joined(self):
         films = self.file("list.txt", f"'{FILMS / 'a street'}' --features 900 --pieces 2 --overlap 2.5\n")
         done = self.batch(videos=films)
@@ -93,6 +106,9 @@ class BatchTest(ProgramTest):
         self.assertEqual(run("map", "check", whole / "map.raysfm").returncode, 0)
         report = json.loads((whole / "report.json").read_text())
         self.assertEqual(report["input"], json.loads((ALONE / "a street/report.json").read_text())["input"])
+        settings = (self.out / "a street.piece-1/config.yaml").read_text().splitlines(True)
+        of_the_piece = ("from:", "to:", "save-map:")
+        self.assertEqual((whole / "config.yaml").read_text(), "".join(s for s in settings if not s.startswith(of_the_piece)))
         # Pictures of the whole are found, and those of a piece, which begins in the middle.
         for result, first in ((whole, 0), (self.out / "a street.piece-2", 11)):
             done = run("export", result, "--format", "colmap", "--images", FILMS / "a street", "--out", self.folder / "colmap")
@@ -160,17 +176,6 @@ class BatchTest(ProgramTest):
             self.assertEqual(self.batch(videos=videos).returncode, 2)
             self.assertIn("gone.mp4", self.table()["gone"]["reason"])
 
-    def list_with_a_long_one(self, count=4000):
-        """The list, and a video that takes long."""
-        long = self.folder / "long"
-        (long / "images").mkdir(parents=True)
-        shutil.copy(FILMS / "third/camera.yaml", long)
-        for i in range(count):
-            (long / f"images/{i:06}.png").symlink_to(FILMS / f"third/images/{min(i % 78, 78 - i % 78):06}.png")
-        text = "".join(f"'{FILMS / film}' --name '{name}' {flags}\n" for film, name, flags in
-                       (("a street", NAMES[0], "--features 900"), ("second", NAMES[1], "--refine-lens off"), ("third", NAMES[2], "")))
-        return self.file("list.txt", f"{long}\n" + text)
-
 
 class List(BatchTest):
     def test_bad_lists(self):
@@ -226,7 +231,7 @@ class Local(BatchTest):
         table = self.table()
         self.assertEqual([row["exit"] for row in table.values()], ["2", "3", "2", "2", "0"])
         self.assertIn("gone.mp4", table["gone"]["reason"])
-        self.assertIn("black", table["black"]["reason"])
+        self.assertRegex(table["black"]["reason"], "^too few corners: 0.*nearly black")
         self.assertIn("--fetures", table["flag"]["reason"])
         self.assertEqual((table["black"]["frames"], table["black"]["posed"]), ("4", "0"))
         # Put right, only what had no result is done.
@@ -239,6 +244,17 @@ class Local(BatchTest):
         videos.write_text(f"'{FILMS}/third' --features 900\n")
         self.assertIn("not run yet", self.batch("--summary", videos=videos).stdout)
         self.assertIn("third: done", self.batch(videos=videos).stderr)
+
+    def test_what_surely_has_no_result_is_not_tried_again(self):
+        """`solve` leaves no report where it finds none."""
+        (self.folder / "still").mkdir()
+        for name in "abcd":
+            (self.folder / f"still/{name}.png").symlink_to(FILMS / "third/images/000000.png")
+        videos = self.file("list.txt", "solve still\n")
+        for says in ("no motion", "has a result already"):
+            done = self.batch(videos=videos)
+            self.assertEqual(done.returncode, 3, done.stderr)
+            self.assertIn(says, done.stderr)
 
     def test_a_crash_of_one_ends_no_other(self):
         videos = self.list_with_a_long_one()
@@ -289,71 +305,40 @@ class Local(BatchTest):
             self.batch("--summary", videos=videos)
             self.assert_all_as_alone()
 
+    def test_what_a_killed_batch_has_left_running_is_waited_for(self):
+        """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
+        videos = self.list_with_a_long_one(250)
+        command = [program.PROGRAM, "batch", videos, "--out", self.out, "--jobs", "1"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+            log = self.out / "batch/long.log"
+            while not log.exists() or "100 posed" not in log.read_text():
+                self.assertIsNone(running.poll())
+                time.sleep(0.01)
+            job = running_in(self.out / "long")[0]
+            os.kill(job, signal.SIGSTOP)
+            running.kill()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as again:
+            while not (self.out / f"batch/{NAMES[2]}.json").exists():
+                time.sleep(0.01)
+            os.kill(job, signal.SIGCONT)
+            said = again.communicate(timeout=120)
+        self.assertEqual(again.returncode, 0, said)
+        self.assertEqual(run("track", self.folder / "long", "--out", self.folder / "alone", "--quiet").returncode, 0)
+        for file in SAME:
+            self.assertEqual((self.out / "long" / file).read_bytes(), (self.folder / "alone" / file).read_bytes(), file)
+
 
 class Clusters(BatchTest):
-    def free_port(self):
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            return probe.getsockname()[1]
-
-    def daemon(self, *command):
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=self.environment)
-        if done.returncode != 0:
-            self.skipTest(f"{command[0]}: {done.stdout}")
-
-    def end(self, name):
-        """Ends the daemon that wrote this file, which this test has started."""
-        try:
-            process = int((self.folder / f"{name}.pid").read_text())
-            os.kill(process, signal.SIGTERM)
-            for _ in range(100):
-                os.kill(process, 0)
-                time.sleep(0.05)
-        except (OSError, ValueError):
-            pass
-
-    @unittest.skipUnless(all(shutil.which(name) for name in ("munged", "slurmctld", "slurmd", "sbatch")), "no slurm-wlm")
-    @unittest.skipUnless(os.geteuid() == 0, "Slurm's daemons need root here")
     def test_slurm(self):
-        here = self.folder
-        here.chmod(0o755)
-        key = self.file("munge.key", os.urandom(1024))
-        key.chmod(0o600)
-        for folder in ("state", "spool"):
-            (here / folder).mkdir()
-        configuration = self.file("slurm.conf", f"""ClusterName=test
-SlurmctldHost=localhost
-SlurmctldPort={self.free_port()}
-SlurmdPort={self.free_port()}
-AuthInfo=socket={here}/munge.socket
-SlurmUser=root
-SlurmdUser=root
-StateSaveLocation={here}/state
-SlurmdSpoolDir={here}/spool
-SlurmctldPidFile={here}/slurmctld.pid
-SlurmdPidFile={here}/slurmd.pid
-SlurmctldLogFile={here}/slurmctld.log
-SlurmdLogFile={here}/slurmd.log
-ProctrackType=proctrack/linuxproc
-TaskPlugin=task/none
-JobAcctGatherType=jobacct_gather/none
-SelectType=select/cons_tres
-SelectTypeParameters=CR_CPU
-ReturnToService=2
-MpiDefault=none
-NodeName=localhost CPUs={os.cpu_count()} State=UNKNOWN
-PartitionName=all Nodes=localhost Default=YES MaxTime=INFINITE State=UP
-""")
-        self.environment = {**os.environ, "SLURM_CONF": str(configuration)}
-        for name in ("munged", "slurmctld", "slurmd"):
-            self.addCleanup(self.end, name)
-        self.daemon("munged", "--force", f"--key-file={key}", f"--socket={here}/munge.socket", f"--pid-file={here}/munged.pid",
-                    f"--log-file={here}/munged.log", f"--seed-file={here}/munged.seed")
-        self.daemon("slurmctld")
-        self.daemon("slurmd", "-N", "localhost")
-        self.assertEqual(self.batch("--slurm", here / "job.sh").returncode, 0)
-        done = subprocess.run(["sbatch", "--wait", here / "job.sh"], text=True, capture_output=True, env=self.environment, timeout=120,
-                              cwd=here)
+        if reason := slurm_node.missing():
+            self.skipTest(reason)
+        try:
+            node = self.enterContext(slurm_node.SlurmNode(self.folder))
+        except OSError as failure:
+            self.skipTest(str(failure))
+        self.assertEqual(self.batch("--slurm", self.folder / "job.sh").returncode, 0)
+        done = subprocess.run(["sbatch", "--wait", self.folder / "job.sh"], text=True, capture_output=True, env=node.environment,
+                              timeout=120, cwd=self.folder)
         self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
         done = self.batch("--summary")
         self.assertEqual(done.returncode, 0, done.stdout)

@@ -4,7 +4,8 @@ import re
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]  # those of docs/results say how their figures were made
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+RESULTS = sorted(DOCS.glob("results/*.md"))  # that say how their figures were made
 OURS = re.compile(r"(?:build/)?raysfm (?=[-\w])")
 
 
@@ -30,6 +31,18 @@ def mentions(page):
     """What stands as code between words: commands in part, with names in capitals and dots."""
     prose = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     return [code for code in re.findall(r"`([^`\n]+)`", prose) if OURS.match(code)]
+
+
+def whole_mentions(page):
+    """Those of them that can be typed as they are: no name in capitals or dots, but for a folder that is made."""
+    typed = [code for code in mentions(page) if " --" in code and not code.startswith("raysfm export out ")]
+    return [code for code in typed if not re.search(r"\b[A-Z]+\b(?!$)|\.\.\.|\||(?<!--out) [A-Z]+$", code)]
+
+
+def scripts(page):
+    """Scripts of the project that are named as code, with what follows them there."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    return [code for code in re.findall(r"`(scripts/[^`\n]+)`", prose) if not code.endswith("/") and "*" not in code]
 
 
 def misplaced(page):

@@ -2,7 +2,8 @@
 
 Each page has a folder of its own, with the files that its commands name (FILES), in which bash runs them one after the
 other as they are typed, but for what SHORTER takes from them and for what cannot be run here (NOT_RUN, with the reason).
-The films are rendered; docs/first-half-hour.md is run on a video of a real kitchen.
+The films are rendered; docs/first-half-hour.md is run on a video of a real kitchen; clusters are of this machine alone.
+What a page names between words, and what docs/results says its figures were made by, is not run, but must be there.
 """
 import bz2
 import http.client
@@ -14,7 +15,6 @@ import re
 import shlex
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -23,8 +23,9 @@ import unittest
 import adjust_test
 import doc_pages
 import program
+import slurm_node
 import solve_test
-from doc_pages import OURS, PAGES, ROOT
+from doc_pages import OURS, PAGES, RESULTS, ROOT
 from program import run
 
 SHARED = pathlib.Path(os.environ.get("RAYSFM_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -34,6 +35,7 @@ PYTHON = "/usr/bin/python3"  # that of Debian, for which the package is made
 # What of a command is run otherwise: page or "", what is looked for, what it becomes.
 SHORTER = [
     ("", r"( synth .*?) --frames \d+", r"\1"),
+    ("", r"( synth .*?) --samples \d+", r"\1"),
     ("", r"( synth (?!--list).*)", r"\1 --frames 1 --samples 1"),
     ("", r"( view (?!.*--html).*)$", r"\1 --port {port}"),
     ("", r" --view$", " --view {port}"),
@@ -42,16 +44,16 @@ SHORTER = [
     ("synth.md", "NAME", "lba09-1-pinhole"),
     ("batch.md", "--to 310", "--to 2.9"),  # of a film of 4.8 seconds
     ("batch.md", "--from 300", "--from 1.9"),
-    # What such a job does; batch_test.py starts a cluster and submits one.
-    ("batch.md", "^sbatch --wait job.sh", "raysfm batch list.txt --out DIR --part 1/1"),
+    ("batch.md", "(?=raysfm batch list.txt --out DIR --dask)", "rm -r DIR && "),  # all of it anew
+    ("batch.md", "tcp://head:8786", "{dask}"),
+    # Which files are compiled to what is there, nothing is compiled.
+    ("python.md", r"^cmake -S \. -B build (.*)--build build (.*)$", r"cmake -S {root} -B configured \1--build configured \2 -- -n"),
 ]
 # How a command begins, and why it is not run here.
 NOT_RUN = {
     "scripts/package": "it builds for minutes; tests/package/run packs, installs on a bare system and tracks there",
     "sudo apt-get install ./build-package/": "it changes this machine; tests/package/run does it on a bare system",
-    "docker build": "it needs docker, and builds for minutes what tests/package/run installs without",
-    "python3 job.py tcp://head:8786": "it needs the machines of a scheduler; batch_test.py runs such a script on this one",
-    "cmake -S . -B build": "it made what is tested here",
+    "docker build": "it needs a daemon of docker, and builds for minutes what tests/package/run installs without",
 }
 # What the Python of a page takes for granted.
 PRELUDE = "import numpy\nimage, timestamp, use = numpy.zeros((240, 320), numpy.uint8), 0.0, print\n"
@@ -86,7 +88,8 @@ def filmed(folder, pattern, *options, to):
 
 def make_files(folder):
     """FILES: all that any page names, but for what its own commands make."""
-    (folder / "my_camera.yaml").write_text(camera(320, 240, 280))
+    # A lens that bends, as every one does.
+    (folder / "my_camera.yaml").write_text(camera(320, 240, 280).replace("pinhole", "radtan").replace("}}", ", k1: -0.12, k2: 0.02, p1: 0, p2: 0}}"))
     done = run("synth", "room", "--motion", "orbit", "--frames", 48, "--camera", folder / "my_camera.yaml", "--samples", 1,
                "--out", folder / "film", "--quiet")
     assert done.returncode == 0, done.stderr
@@ -110,7 +113,8 @@ def make_files(folder):
     (folder / "left.csv").write_text(text)
     (folder / "board.csv").write_text("point,x,y,z\n" + "".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(flat.points)))
     (folder / "problem-49-7776-pre.txt.bz2").write_bytes(bz2.compress(adjust_test.Bal(noise=0.3).text().encode()))
-    done = run("camera", "convert", folder / "my_camera.yaml", "--to", "basalt", "--out", folder / "calib.json")
+    (folder / "of_basalt.yaml").write_text(camera(320, 240, 280))
+    done = run("camera", "convert", folder / "of_basalt.yaml", "--to", "basalt", "--out", folder / "calib.json")
     assert done.returncode == 0, done.stderr
     for name, words in {"a": (640, 480, 520), "b": (640, 480, 900, 330, 231), "c": (800, 600, 600), "d": (512, 384, 350, 260, 189)}.items():
         (folder / f"{name}.yaml").write_text(camera(*words))
@@ -133,10 +137,14 @@ def make_clone(folder):
     (folder / "build/python3").symlink_to(PYTHON)
 
 
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+# A cluster of Dask on this machine, until its input ends.
+DASK = """
+import sys
+from dask.distributed import LocalCluster
+with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
+    print(cluster.scheduler_address, flush=True)
+    sys.stdin.read()
+"""
 
 
 def not_run(line):
@@ -147,7 +155,7 @@ def shortened(page, line):
     for of, pattern, becomes in SHORTER:
         if of in ("", page.name):
             line = re.sub(pattern, becomes, line)
-    return line.replace("{port}", str(free_port()))
+    return line.replace("{port}", str(slurm_node.free_port())).replace("{root}", str(ROOT))
 
 
 def made_by(line):
@@ -177,6 +185,9 @@ class Commands(unittest.TestCase):
         make_clone(cls.FILES)
         cls.results = pathlib.Path(folder.name) / "results"
 
+    def setUp(self):
+        self.environment = dict(os.environ)
+
     def folder(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
@@ -184,7 +195,7 @@ class Commands(unittest.TestCase):
 
     def bash(self, folder, line, text=""):
         path = f"{folder / 'build'}:{os.environ['PATH']}"
-        return subprocess.Popen(["bash", "-euo", "pipefail", "-c", line], cwd=folder, env=os.environ | {"PATH": path}, text=True,
+        return subprocess.Popen(["bash", "-euo", "pipefail", "-c", line], cwd=folder, env=self.environment | {"PATH": path}, text=True,
                                 stdin=subprocess.PIPE if text else subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def done(self, folder, line, text=""):
@@ -205,12 +216,23 @@ class Commands(unittest.TestCase):
         running.send_signal(signal.SIGINT)
         self.assertEqual(running.wait(60), 0, line)
 
+    def dask_cluster(self):
+        """Its address. It lasts as long as the test."""
+        cluster = subprocess.Popen([PYTHON, "-c", DASK], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(cluster.communicate)
+        return cluster.stdout.readline().strip()
+
     def carried_out(self, page, folder, line):
         known = (page.name == "first-half-hour.md", OURS.sub("raysfm ", line))
         line = shortened(page, line)
         if known in self.KEPT:
             shutil.copytree(self.KEPT[known], folder / made_by(line)[0], dirs_exist_ok=True)
             return
+        if "{dask}" in line:
+            line = line.replace("{dask}", self.dask_cluster())
+        if line.startswith("sbatch ") and "SLURM_CONF" not in self.environment:
+            (folder / "slurm").mkdir()
+            self.environment = self.enterContext(slurm_node.SlurmNode(folder / "slurm")).environment
         if re.search(r" view (?!.*--html)", line):
             self.served(folder, line)
             return
@@ -218,7 +240,8 @@ class Commands(unittest.TestCase):
         told = self.done(folder, line)
         for path, time_before in before.items():
             self.assertGreater(newest(path), time_before, f"{line}: {path.name} was not written")
-        self.assertTrue(told or made_by(line) or line.endswith("python3"), f"{line} told nothing and made nothing")
+        # A job of Dask tells its errors alone.
+        self.assertTrue(told or made_by(line) or re.search(r"python3$|job\.py", line), f"{line} told nothing and made nothing")
         if re.fullmatch("raysfm (track|solve) my_video.mp4 --out out/", known[1]):
             self.KEPT[known] = shutil.copytree(folder / "out", self.results / str(len(self.KEPT)))
 
@@ -230,6 +253,10 @@ class Commands(unittest.TestCase):
             return "this build has no page"
         if "raysfm" in line and "python3" in line and not list((folder / "build/python/raysfm").glob("*.so")):
             return "this build has no Python package"
+        if line.startswith("sbatch ") and (reason := slurm_node.missing()):
+            return reason
+        if line.startswith("python3 job.py") and subprocess.run([PYTHON, "-c", "import dask.distributed"], capture_output=True).returncode:
+            return "no python3-distributed"
         return "no blender" if "blender --python" in line and not shutil.which("blender") else None
 
     def test_every_page(self):
@@ -246,7 +273,7 @@ class Commands(unittest.TestCase):
             shutil.copy(KITCHEN, folder / "my_video.mp4")
         elif page.name == "first-half-hour.md":
             print(f"{page.name}: on a rendered film: no shared data")
-        for line in itertools.chain(BEFORE.get(page.name, []), lines):
+        for line in itertools.chain(BEFORE.get(page.name, []), lines, doc_pages.whole_mentions(page)):
             if reason := not_run(line) or self.missing(folder, line):
                 print(f"{page.name}: not run: {line}: {reason}")
                 continue
@@ -288,8 +315,8 @@ class Pages(unittest.TestCase):
 
     def test_commands_and_flags_of_mentions_are_there(self):
         flags_of, checked = {}, 0
-        for page, code in ((page, code) for page in PAGES for code in doc_pages.mentions(page)):
-            words = shlex.split(OURS.sub("", code.split(" && ")[0]))
+        for page, code in ((page, code) for page in [*PAGES, *RESULTS] for code in doc_pages.mentions(page)):
+            words = shlex.split(OURS.sub("", re.split(" (?:&&|>) ", code)[0]))
             depth = 2 if words[0] in ("camera", "map") and len(words) > 1 else 1
             command = tuple(word.split("|")[0] for word in words[:depth])
             if words[0].startswith("-"):
@@ -303,6 +330,20 @@ class Pages(unittest.TestCase):
                     self.assertIn(word, flags_of[command], f"{page.name}: {code}")
                     checked += 1
         self.assertGreater(checked, 20)
+
+    def test_scripts_and_targets_that_are_named_are_there(self):
+        """`scripts/results WHAT` and what else the pages say that something was made by."""
+        named = {code for page in [*PAGES, *RESULTS] for code in doc_pages.scripts(page)}
+        self.assertGreater(len(named), 25)
+        for code in sorted(named):
+            words = shlex.split(code)
+            with self.subTest(code):
+                self.assertTrue(os.access(ROOT / words[0], os.X_OK) or (ROOT / words[0]).suffix == ".py" and (ROOT / words[0]).exists())
+                if words[0] == "scripts/results" and len(words) > 1:
+                    done = subprocess.run([ROOT / words[0], *words[1:], "--help"], capture_output=True, text=True)
+                    self.assertEqual(done.returncode, 0, done.stderr)
+        for name in {name for page in RESULTS for name in re.findall(r"\b(\w+_benchmark)\b", page.read_text())}:
+            self.assertTrue((ROOT / f"benchmarks/{name}.cpp").exists(), name)
 
     def test_two_commands(self):
         """README begins with two, and no more."""

@@ -154,6 +154,19 @@ class SolveTest(ProgramTest):
         self.impossible(text(row for row in Scene().rows(lambda j: 900) if row[0] == 0), "image")
         self.impossible(text(row for row in Scene().rows(lambda j: 900) if row[1] < 5), "point")
 
+    def test_images_that_show_nothing(self):
+        """One after the other lighter, and all alike: by themselves, as photos, and one alone."""
+        for i in range(5):
+            for kind, grey in (("lighter", 200 + i), ("alike", 90)):
+                self.file(f"{kind}/{i}.pgm", b"P5 320 240 255\n" + bytes([grey]) * (320 * 240))
+        self.file("one/0.pgm", (self.folder / "alike/0.pgm").read_bytes())
+        for images, flags, says in (("lighter", [], "no point is seen in two of its 5 images"), ("alike", [], "no motion: 5 frames"),
+                                    ("alike", ["--images", "photos"], "no point is seen in two of its 5 images"),
+                                    ("one", [], "no point is seen in two of its 1 images")):
+            done = run("solve", self.folder / images, *flags, "--out", self.folder / "out", "--quiet")
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (3, 1), done.stderr)
+            self.assertIn(says, done.stderr)
+
     def test_bad_tracks(self):
         rows = list(Scene(images=3, points=20).rows(lambda j: 900))
         out = self.folder / "out"

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <csignal>
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -52,18 +53,20 @@ Result<Part> parse_part(const std::string& text) {
   return bad_input(fmt::format("--part = '{}': must be NUMBER/COUNT, e.g. 1/4", shown(text)));
 }
 
-// The last line that a run left in its log.
-std::string last_line(const fs::path& log) {
+// Why a run has no result, from its log: the error that it tells, which a summary of what there is may
+// follow; else the last line.
+std::string reason_in(const fs::path& log, const std::string& command) {
   constexpr uintmax_t kMaxLogBytes = 64 << 20;
-  const Result<std::string> text = read_text_file(log, kMaxLogBytes);
-  if (!text) return text.error().message;
-  const std::string_view trim = trimmed(*text);
-  const size_t end = trim.find_last_of("\r\n");
-  std::string line(end == std::string_view::npos ? trim : trim.substr(end + 1));
-  for (const char* begin : {"raysfm track: ", "raysfm solve: ", "raysfm: "}) {
-    if (line.starts_with(begin)) return line.substr(std::string_view(begin).size());
+  const Result<std::string> read = read_text_file(log, kMaxLogBytes);
+  if (!read) return read.error().message;
+  const std::string text = fmt::format("\n{}", trimmed(*read));
+  for (const std::string& begin : {fmt::format("\nraysfm {}: ", command), std::string("\nraysfm: ")}) {
+    const size_t at = text.rfind(begin);
+    if (at == std::string::npos) continue;
+    const std::string error = text.substr(at + begin.size());
+    return error.substr(0, error.find('\n'));
   }
-  return line;
+  return text.substr(text.rfind('\n') + 1);
 }
 
 // Runs jobs, so many at a time, until all are done or somebody wants them to end.
@@ -76,12 +79,19 @@ class BatchRunner {
   Result<void> run(const std::vector<const BatchJob*>& jobs, size_t at_a_time) {
     total_ = jobs.size();
     done_ = 0;
-    size_t next = 0;
+    std::deque<const BatchJob*> open(jobs.begin(), jobs.end());
+    Clock::time_point last_run = Clock::now();
     for (;;) {
-      while (!stopped() && running_.size() < at_a_time && next < jobs.size()) {
-        if (auto r = begin(*jobs[next++]); !r) return ended_by(r.error());
+      for (size_t tries = open.size(); tries > 0 && !stopped() && running_.size() < at_a_time; --tries) {
+        const BatchJob& job = *open.front();
+        open.pop_front();
+        const bool last_try = milliseconds_since(last_run) > kHeld;
+        const Result<bool> begun = begin(job, last_try);
+        if (!begun) return ended_by(begun.error());
+        if (!*begun) open.push_back(&job);
       }
-      if (running_.empty()) return {};
+      if (running_.empty() && (open.empty() || stopped())) return {};
+      if (!running_.empty()) last_run = Clock::now();
       if (stopped() && !std::exchange(told_, true)) tell_all(SIGTERM);  // again would end them at once
       const ChildEnd end = next_child_end(kPause);
       if (end.process < 0) continue;
@@ -95,25 +105,28 @@ class BatchRunner {
     FileLock lock;
     Clock::time_point start;
   };
-  static constexpr int kPause = 200;  // milliseconds
+  static constexpr int kPause = 200;     // milliseconds
+  static constexpr double kHeld = 30e3;  // for what a batch that was killed has left running
 
   bool stopped() const { return stop_.requested()->load(); }
 
-  Result<void> begin(const BatchJob& job) {
+  // False where it is to be tried again: another run holds it.
+  Result<bool> begin(const BatchJob& job, bool last_try) {
     if (!job.fault.empty()) {
       progress_->line(fmt::format("{}: {} ({} of {})", job.name, job.fault, ++done_, total_));
-      return {};
+      return true;
     }
     Result<FileLock> lock = FileLock::take(folder_.record(job));
+    if (!lock && !last_try) return false;
     if (!lock) {
       progress_->line(fmt::format("{}: left out: {}", job.name, lock.error().message));
       ++done_;
-      return {};
+      return true;
     }
     if (is_finished(read_record(folder_, job), folder_, job)) {
       ++done_;
       progress_->line(fmt::format("{}: has a result already ({} of {})", job.name, done_, total_));
-      return {};
+      return true;
     }
     std::vector<std::string> arguments = job.arguments;
     const std::string more[] = {"--out", folder_.result(job).string(), "--threads", std::to_string(threads_)};
@@ -121,10 +134,10 @@ class BatchRunner {
     std::error_code ignored;
     fs::remove(folder_.record(job), ignored);
     if (!job.whole.empty()) fs::remove(folder_.record({.name = job.whole}), ignored);
-    const Result<pid_t> child = ChildProcess::start(arguments, list_.parent_path(), folder_.log(job));
+    const Result<pid_t> child = ChildProcess::start(arguments, list_.parent_path(), folder_.log(job), *lock);
     if (!child) return child.error();
     running_.emplace(*child, Running{&job, *std::move(lock), Clock::now()});
-    return {};
+    return true;
   }
 
   Result<void> finish(const ChildEnd& end) {
@@ -141,7 +154,7 @@ class BatchRunner {
     if (!end.signal.empty()) {
       record.reason = fmt::format("ended by a signal: {}", end.signal);
     } else if (end.exit_code != 0) {
-      record.reason = last_line(folder_.log(job));
+      record.reason = reason_in(folder_.log(job), job.arguments.front());
       if (record.reason.empty()) record.reason = fmt::format("ended with exit code {}", end.exit_code);
     } else if (!fs::exists(folder_.result(job) / "report.json", failure)) {
       record.exit_code = 1;

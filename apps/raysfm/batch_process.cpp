@@ -18,13 +18,14 @@ namespace {
 constexpr int kNoStart = 126;  // exit code of a child that did not become the program
 
 // What happens between fork and exec: calls of the system only.
-[[noreturn]] void become(char* const* arguments, const char* folder, int log, pid_t parent) {
+[[noreturn]] void become(char* const* arguments, const char* folder, int log, int lock, pid_t parent) {
   setpgid(0, 0);
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_DFL);
   const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
   const bool ready = getppid() == parent && nothing >= 0 && dup2(nothing, STDIN_FILENO) >= 0 &&
-                     dup2(log, STDOUT_FILENO) >= 0 && dup2(log, STDERR_FILENO) >= 0 && chdir(folder) == 0;
+                     dup2(log, STDOUT_FILENO) >= 0 && dup2(log, STDERR_FILENO) >= 0 &&
+                     fcntl(lock, F_SETFD, 0) == 0 && chdir(folder) == 0;
   if (ready) execv("/proc/self/exe", arguments);
   _exit(kNoStart);
 }
@@ -32,7 +33,8 @@ constexpr int kNoStart = 126;  // exit code of a child that did not become the p
 }  // namespace
 
 Result<pid_t> ChildProcess::start(const std::vector<std::string>& arguments,
-                                  const std::filesystem::path& folder, const std::filesystem::path& log) {
+                                  const std::filesystem::path& folder, const std::filesystem::path& log,
+                                  const FileLock& lock) {
   std::vector<std::string> words = {"raysfm"};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> pointers;
@@ -42,7 +44,7 @@ Result<pid_t> ChildProcess::start(const std::vector<std::string>& arguments,
   if (file < 0) return bad_input(fmt::format("{}: {}", log.string(), std::strerror(errno)));
   const pid_t parent = getpid();
   const pid_t child = fork();
-  if (child == 0) become(pointers.data(), folder.c_str(), file, parent);
+  if (child == 0) become(pointers.data(), folder.c_str(), file, lock.file(), parent);
   const int failure = errno;
   close(file);
   if (child < 0) return internal_error(fmt::format("no process can be started: {}", std::strerror(failure)));

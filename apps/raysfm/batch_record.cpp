@@ -71,8 +71,9 @@ Result<void> write_record(const BatchRecord& record, const BatchFolder& folder, 
 bool is_finished(const std::optional<BatchRecord>& record, const BatchFolder& folder, const BatchJob& job) {
   if (!record || record->arguments != job.arguments || record->version != RAYSFM_VERSION) return false;
   std::error_code failure;
-  return (record->exit_code == 0 || record->exit_code == kNoReconstruction) &&
-         std::filesystem::exists(folder.result(job) / "report.json", failure);
+  const std::filesystem::path result = folder.result(job);
+  if (record->exit_code == kNoReconstruction) return std::filesystem::exists(result, failure);
+  return record->exit_code == 0 && std::filesystem::exists(result / "report.json", failure);
 }
 
 BatchTable batch_table(const std::vector<BatchJob>& jobs, const BatchFolder& folder) {

@@ -3,7 +3,9 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "commands.h"
@@ -53,10 +55,12 @@ Result<std::vector<VideoPiece>> read_pieces(const std::vector<std::string>& fold
 std::string config_of(const fs::path& piece) {
   constexpr uintmax_t kMaxConfigBytes = 1 << 20;
   const Result<std::string> text = read_text_file(piece / "config.yaml", kMaxConfigBytes);
+  if (!text) return {};
+  std::istringstream lines(*text);
   std::string config;
-  for (const TextLine& line : content_lines(text ? *text : "")) {
-    const auto is = [&](std::string_view name) { return line.text.starts_with(name); };
-    if (!is("from:") && !is("to:") && !is("save-map:")) config += std::string(line.text) + "\n";
+  for (std::string line; std::getline(lines, line);) {
+    const auto is = [&](std::string_view name) { return line.starts_with(name); };
+    if (!is("from:") && !is("to:") && !is("save-map:")) config += line + "\n";
   }
   return config;
 }

@@ -56,7 +56,8 @@ int StopSignals::exit_code() const {
 ProgressLine::ProgressLine(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
 
 void ProgressLine::show(const std::string& text) {
-  if (quiet_) return;
+  if (quiet_ || text == shown_) return;
+  shown_ = text;
   std::fprintf(stderr, "%s%s%s", terminal_ ? "\r" : "", text.c_str(), terminal_ ? "\033[K" : "\n");
   dirty_ = terminal_;
 }
@@ -74,6 +75,7 @@ void ProgressLine::event(const Event& event) {
 void ProgressLine::finish() {
   if (dirty_) std::fputc('\n', stderr);
   dirty_ = false;
+  shown_.clear();
 }
 
 }  // namespace raysfm::app

@@ -42,6 +42,7 @@ class ProgressLine {
 
  private:
   bool quiet_, terminal_, dirty_ = false;
+  std::string shown_;  // by show(), not to be shown twice
 };
 
 }  // namespace raysfm::app

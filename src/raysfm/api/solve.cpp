@@ -339,6 +339,10 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   if (const std::string still = no_motion(*input); !still.empty() && !input->interrupted) {
     return no_reconstruction(fmt::format("{}: {}", settings.input, still));
   }
+  if (input->tracks.size() == 0 && !is_tracks_file(settings.input) && !input->interrupted) {
+    return no_reconstruction(
+        fmt::format("{}: no point is seen in two of its {} images", settings.input, input->names.size()));
+  }
   const double read_s = milliseconds_since(start) / 1000.0;
   Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
   if (found) pose_repeats(*input, &*found);

@@ -237,7 +237,8 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
       return tracks_from_photos(settings, callbacks);
     }
   }
-  if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxAutoPhotos) {
+  if (video->interrupted || video->tracks.image_count < 2 || video->tracks.image_count > kMaxAutoPhotos ||
+      !no_motion(*video).empty()) {
     return video;
   }
   const int poor = poor_neighbours(*video, settings, callbacks.stop);

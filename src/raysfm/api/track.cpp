@@ -296,8 +296,10 @@ class Narrator : public TrackerObserver {
   }
   void place_seen_again(const PlaceSeenAgain& e) override {
     const Closure& c = e.closure;
+    const std::string earlier =
+        c.with_frame < 0 ? "an earlier run" : fmt::format("frame {}", c.with_frame);  // that the map is of
     tell(event_, Event::Level::kInfo,
-         fmt::format("frame {} sees what frame {} saw ({} points): {}", c.frame, c.with_frame, c.inliers,
+         fmt::format("frame {} sees what {} saw ({} points): {}", c.frame, earlier, c.inliers,
                      c.joined_worlds ? "worlds joined" : "loop closed"));
   }
   void marks_found(const MarksFound& e) override {

@@ -18,6 +18,10 @@ class FileLock {
   FileLock& operator=(FileLock&&) = delete;
   ~FileLock();
 
+  // The descriptor that holds it. A process that inherits it open holds the file as long as it runs, whatever
+  // becomes of this one.
+  int file() const { return file_; }
+
  private:
   FileLock(std::string name, int file) : name_(std::move(name)), file_(file) {}
 

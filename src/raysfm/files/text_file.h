@@ -1,5 +1,6 @@
 #pragma once
 
+#include <concepts>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -41,5 +42,7 @@ struct TextLine {
 // The lines of `text` that are neither blank nor comments (first character #), without white space at their
 // ends.
 std::vector<TextLine> content_lines(std::string_view text);
+std::vector<TextLine> content_lines(const std::same_as<std::string> auto&& temporary) =
+    delete;  // lines are views
 
 }  // namespace raysfm

@@ -1,5 +1,7 @@
 #include "raysfm/uncalibrated/lens_choice.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -71,22 +73,18 @@ Verdict judge_lens(const Comparison& c, double freedom, double spread, ErrorRela
   const double ratio = std::sqrt(c.fixed / std::max(c.zoom, 1e-12));
   const bool changes = spread > kLeastSpread &&
                        (along_tracks ? spread > kSureSpread || ratio > kSureRatio : ratio > kPhotoRatio);
-  const auto rms = [&](double cost) { return std::to_string(std::sqrt(cost / std::max(1, c.observations))); };
-  std::string evidence = "rms " + rms(c.fixed) + " px with one lens, " + rms(c.zoom) +
-                         " px with one for each image over the same observations: " + std::to_string(gain) +
-                         " variances less, more than " + std::to_string(needed) + " mean zooming";
+  const auto rms = [&](double cost) { return std::sqrt(cost / std::max(1, c.observations)); };
+  std::string evidence = fmt::format(
+      "rms {:.3f} px with one lens, {:.3f} px with one for each image over the same observations: {:.0f} "
+      "variances less, more than {:.0f} mean zooming",
+      rms(c.fixed), rms(c.zoom), gain, needed);
   if (along_tracks) {
-    evidence +=
-        " where the focal length changes by more than 3 %, or by 1 % and the rms falls by a seventh; it "
-        "changes "
-        "by " +
-        std::to_string(100 * spread) + " %";
+    evidence += " where the focal length changes by more than 3 %, or by 1 % and the rms falls by a seventh";
   }
   if (errors == ErrorRelation::kWithinImages) {
-    evidence +=
-        " where the focal length changes by more than 1 % and the rms falls by a twentieth; it changes by " +
-        std::to_string(100 * spread) + " %";
+    evidence += " where the focal length changes by more than 1 % and the rms falls by a twentieth";
   }
+  if (errors != ErrorRelation::kNone) evidence += fmt::format("; it changes by {:.2f} %", 100 * spread);
   return {gain > needed && (changes || errors == ErrorRelation::kNone), ratio, spread, std::move(evidence)};
 }
 
