@@ -342,7 +342,7 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
     return std::nullopt;
   }
   const double error = geometry.rms_error * median_octave_side(matches) / rig_.pixels_per_radian();
-  const double significance = geometry.median_parallax / std::max(error, 1e-9);
+  const double significance = geometry.least_parallax / std::max(error, 1e-9);
   if (significance < kMinSignificance) {
     fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error", frames,
                             significance));

@@ -87,7 +87,7 @@ void map_points(const RigTable& table, const RigMotion& motion, double max_error
     parallax.push_back(result.parallax);
   }
   start->inlier_count = static_cast<int>(inliers->size());
-  start->median_parallax = median_of(&parallax);
+  start->median_parallax = start->least_parallax = median_of(&parallax);
   start->rms_error = std::sqrt(squared / std::max(1, residuals));
 }
 
@@ -180,7 +180,7 @@ StartProblem diagnose(const GenericStart& start, int matches, const GenericStart
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
   if (start.inlier_count < enough) return StartProblem::kTooFewInliers;
-  if (start.median_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
+  if (start.least_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
   return StartProblem::kNone;
 }
 
@@ -230,6 +230,7 @@ void start_central(const RigTable& table, const GenericStartOptions& options, Ge
   start->inlier_count = found.inlier_count;
   start->median_displacement = found.median_displacement;
   start->median_parallax = found.median_parallax;
+  start->least_parallax = found.least_parallax;
   start->rms_error = found.rms_error * options.max_error / central.max_error;
   start->rotation_inliers = found.rotation_inliers;
   start->rival_cost = found.rival_cost;
@@ -314,6 +315,7 @@ std::string describe(const GenericStart& start) {
     central.inlier_count = start.inlier_count;
     central.median_displacement = start.median_displacement;
     central.median_parallax = start.median_parallax;
+    central.least_parallax = start.least_parallax;
     central.rotation_inliers = start.rotation_inliers;
     central.rival_cost = start.rival_cost;
     return describe(central);

@@ -43,7 +43,7 @@ struct GenericStartOptions {
   int min_inliers = 25;              // >= 6
   double min_inlier_ratio = 0.4;     // in (0, 1]
   double min_displacement = 5e-3;    // radians: median angle between the directions of views 0 and 2
-  double min_parallax = 3e-3;        // radians: median parallax of the inliers
+  double min_parallax = 3e-3;        // radians: as in ThreeViewOptions
   double rotation_advantage = 0.85;  // as in ThreeViewOptions
   double min_rival_cost = 1.05;      // as in ThreeViewOptions, for kCentral alone
   // Significance below which the scale counts as unknown.
@@ -76,6 +76,7 @@ struct GenericStart {
   RayClass ray_class;              // of the rays given
   double median_displacement = 0;  // radians
   double median_parallax = 0;      // radians, of the inliers: the largest angle between two of their rays
+  double least_parallax = 0;       // kCentral: see ThreeViewStart; else median_parallax
   double rms_error = 0;            // of the inliers' residuals, in their unit
   int rotation_inliers = 0;        // points that a rotation of far points explains
   double rival_cost = 0;           // kCentral: see ThreeViewStart

@@ -100,10 +100,14 @@ RansacScore MotionRansac::score(const ThreeViewMotion& motion, double limit) con
   return truncated_score(size(), limit, [&](int i) { return error(frames, i); });
 }
 
+// Radians between the directions of translation.
+double angle_apart(const ThreeViewMotion& a, const ThreeViewMotion& b) {
+  return angle_between(a.cam2_from_cam0.inverse().translation, b.cam2_from_cam0.inverse().translation);
+}
+
 bool differ(const ThreeViewMotion& a, const ThreeViewMotion& b) {
-  constexpr double kMinAngle = 0.03;  // radians, between directions of translation
-  return angle_between(a.cam2_from_cam0.inverse().translation, b.cam2_from_cam0.inverse().translation) >
-         kMinAngle;
+  constexpr double kMinAngle = 0.03;
+  return angle_apart(a, b) > kMinAngle;
 }
 
 // Triangulates every match from the three views and decides on the inliers; fills points, marks and figures.
@@ -248,7 +252,7 @@ StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewO
   if (rotation) return StartProblem::kRotationOnly;
   if (start.inlier_count < enough) return StartProblem::kTooFewInliers;
   if (start.rival_cost > 0 && start.rival_cost < options.min_rival_cost) return StartProblem::kAmbiguous;
-  if (start.median_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
+  if (start.least_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
   return StartProblem::kNone;
 }
 
@@ -269,7 +273,60 @@ void judge(const ThreeViewBearings& bearings, const ThreeViewOptions& options, T
     motion = best_of_two(bearings, inliers, motions, motion, &start->rival_cost);
   }
   polish(bearings, options.max_error, motion, start);
+  start->least_parallax = start->median_parallax;
   start->problem = diagnose(*start, bearings.size(), options);
+}
+
+// What a search ended at.
+struct End {
+  ThreeViewMotion motion;
+  int inliers = 0;
+  double rms_error = 0, parallax = 0;
+};
+
+// Holds the ends of other searches against the best. By their matches and errors, since in the truncated cost
+// one match more outweighs the errors of a hundred.
+void weigh(std::span<const End> others, int matches, const ThreeViewOptions& options, ThreeViewStart* start) {
+  constexpr double kAsMany = 0.95, kAboutAsWell = 1.5;  // parts of the matches, times the squared errors
+  constexpr double kHardlyFewer = 0.98, kHardlyWorse = 1.02;
+  constexpr double kFarApart = 0.2;  // radians: nearer ones come to the same as views are added
+  for (const End& other : others) {
+    const double share = static_cast<double>(other.inliers) / start->inlier_count;
+    const double ratio = std::pow(other.rms_error / start->rms_error, 2);
+    if (share < kAsMany || ratio > kAboutAsWell) continue;
+    start->least_parallax = std::min(start->least_parallax, other.parallax);
+    if (share < kHardlyFewer || ratio > kHardlyWorse) continue;
+    if (angle_apart(other.motion, motion_of(*start)) > kFarApart) start->rival_cost = std::max(1.0, ratio);
+  }
+  start->problem = diagnose(*start, matches, options);
+}
+
+// Searches that begin elsewhere: a better motion is taken, and what others there are is held against it.
+void search_again(const ThreeViewBearings& bearings, const ThreeViewOptions& options,
+                  const ThreeViewStart& empty, RansacOptions search, MotionRansac& motions,
+                  ThreeViewStart* start) {
+  constexpr double kHopeless = 28;  // times the error: of less parallax more searches tell nothing
+  double cost = cost_of(*start, motions);
+  std::vector<End> others;
+  for (int k = 1, searches = std::max(options.searches, options.searches_in_doubt); k < searches; ++k) {
+    search.seed += kOtherSeed;
+    ThreeViewMotion motion;
+    const RansacReport report = ransac(motions, search, &motion);
+    // What was found where the first is would come to the same.
+    if (!report.found() || !differ(motion, motion_of(*start))) continue;
+    ThreeViewStart other = empty;
+    other.iterations = report.iterations;
+    judge(bearings, options, motion, motions, &other);
+    if (!differ(motion_of(other), motion_of(*start))) continue;
+    double other_cost = cost_of(other, motions);
+    if (other_cost < cost) std::swap(other, *start), std::swap(other_cost, cost);
+    others.push_back({motion_of(other), other.inlier_count, other.rms_error, other.median_parallax});
+    ThreeViewStart weighed = *start;
+    weigh(others, bearings.size(), options, &weighed);
+    const bool open = weighed.ok() && weighed.least_parallax > kHopeless * weighed.rms_error;
+    searches = open ? std::max(options.searches, options.searches_in_doubt) : options.searches;
+  }
+  weigh(others, bearings.size(), options, start);
 }
 
 }  // namespace
@@ -307,17 +364,7 @@ ThreeViewStart start_from_three_views(std::span<const Vector3d> bearings0,
     return start;
   }
   judge(bearings, options, motion, motions, &start);
-  for (int k = 1; k < options.searches && start.ok(); ++k) {
-    search.seed += kOtherSeed;
-    report = ransac(motions, search, &motion);
-    // What was found where the first is would come to the same.
-    if (!report.found() || !differ(motion, motion_of(start))) continue;
-    ThreeViewStart other = empty;
-    other.iterations = report.iterations;
-    judge(bearings, options, motion, motions, &other);
-    if (differ(motion_of(other), motion_of(start)) && cost_of(other, motions) < cost_of(start, motions))
-      start = std::move(other);
-  }
+  if (start.ok()) search_again(bearings, options, empty, search, motions, &start);
   return start;
 }
 
@@ -353,7 +400,7 @@ std::string describe(const ThreeViewStart& start) {
       break;
     case StartProblem::kTooLittleParallax:
       std::snprintf(text, sizeof text, "too little parallax: median %.2f degrees",
-                    kDegrees * start.median_parallax);
+                    kDegrees * start.least_parallax);
       break;
   }
   return text;

@@ -35,6 +35,7 @@ struct Recipe {
   Vector3d bend{0, 0, 0};                     // of camera 2 from the straight line
   double noise = 0.5 * kPixel, outliers = 0;  // per axis; part of the matches
   int matches = 300;
+  int places = 0;  // small ones that all matches are of, each nearly at one distance; 0: everywhere
 };
 
 ThreeViewScene make_three_views(const Recipe& recipe, Rng& rng) {
@@ -47,10 +48,23 @@ ThreeViewScene make_three_views(const Recipe& recipe, Rng& rng) {
   scene.cam1_from_cam0 = pose(1);
   scene.cam2_from_cam0 = pose(2);
   const Vector3d plane = Vector3d(0.3 * rng.normal(), 0.3 * rng.normal(), 1).normalized();
-  for (int i = 0; i < recipe.matches; ++i) {
+  const auto anywhere = [&] {
     Vector3d x(rng.uniform(-0.7, 0.7), rng.uniform(-0.4, 0.4), 1);
     x *= recipe.planar ? 0.5 * (recipe.near + recipe.far) / plane.dot(x)
                        : rng.uniform(recipe.near, recipe.far);
+    return x;
+  };
+  std::vector<Vector3d> places;
+  for (int i = 0; i < recipe.places; ++i) places.push_back(anywhere());
+  for (int i = 0; i < recipe.matches; ++i) {
+    constexpr double kSize = 0.05;  // of a place, as a part of its distance
+    Vector3d x;
+    if (places.empty()) {
+      x = anywhere();
+    } else {
+      const Vector3d& place = places[i % places.size()];
+      x = place + kSize * place.norm() * normal_vector(rng);
+    }
     scene.points.push_back(x);
     for (int v = 0; v < 3; ++v) {
       Vector3d b = (v == 0 ? x : v == 1 ? scene.cam1_from_cam0 * x : scene.cam2_from_cam0 * x).normalized();
@@ -186,6 +200,26 @@ TEST(ThreeViewStart, OneSearchIsNotTrusted) {
   }
   EXPECT_GT(started, 100);
   EXPECT_LE(wrong, 8);
+}
+
+// Matches of a poster or two are explained by many motions, and each search ends at another of them. Where
+// the best of four was taken, 17 of 96 starts were wrong.
+TEST(ThreeViewStart, MatchesOfFewPlacesAreNotTrusted) {
+  int started = 0, wrong = 0;
+  for (const int places : {1, 2, 3}) {
+    for (uint64_t seed = 0; seed < 60; ++seed) {
+      Rng rng(seed, 8);
+      const ThreeViewScene scene = make_three_views(
+          {.step = {0.04, 0.02, 0.02}, .near = 2, .far = 3, .outliers = 0.1, .matches = 78, .places = places},
+          rng);
+      const ThreeViewStart start = solve(scene, seed);
+      started += start.ok();
+      wrong += start.ok() && direction_error(start.cam2_from_cam0.translation,
+                                             scene.cam2_from_cam0.translation) > 20 * kDegree;
+    }
+  }
+  EXPECT_GT(started, 1);
+  EXPECT_LE(wrong, 8) << started;
 }
 
 TEST(ThreeViewStart, AFarSceneIsNotReconstructed) {
