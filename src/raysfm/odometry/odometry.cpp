@@ -32,6 +32,7 @@ constexpr double kStandsAfter = 2.5;
 constexpr int kMinMatches = 20;
 constexpr double kMinMatchedShare = 0.3;    // of the visible points of the anchor
 constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth its time
+constexpr double kManyMatchedShare = 0.2;   // after a loss, where many points agree
 // Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
@@ -61,10 +62,11 @@ bool convincing(const Localisation& pose) {
   return found_share(pose, kGoodMatchedShare);
 }
 
-// The same after a loss, when the guess behind it may be wrong. From another side much is hidden; but the
-// more points agree, the less it is by chance.
+// The same after a loss, when the guess behind it may be wrong. From another side much is hidden, and while
+// the camera shook much has gone out of sight; but the more points agree, the less it is by chance.
 bool recognised(const Localisation& pose, const OdometryOptions& options) {
-  return convincing(pose) || (believable(pose) && 4 * pose.matched_with_anchor >= options.min_matches);
+  return convincing(pose) ||
+         (found_share(pose, kManyMatchedShare) && 4 * pose.matched_with_anchor >= options.min_matches);
 }
 
 // A pose from large patches alone may be one by chance, far from the anchor.

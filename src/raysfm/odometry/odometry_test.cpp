@@ -302,6 +302,39 @@ TEST(Odometry, AShakeIsPosedAndHardlyAnyOfItBecomesAKeyFrame) {
   expect_small_error(r, input, 0, 0, 1);
 }
 
+// An image of which something near, on which there is nothing to see, hides a part from the left.
+GrayImage partly_hidden(const GrayImage& image, double part) {
+  GrayImage out(image.width(), image.height());
+  for (int y = 0; y < out.height(); ++y) {
+    std::copy_n(image.row(y), image.width(), out.row(y));
+    std::fill_n(out.row(y), static_cast<int>(part * out.width()), uint8_t{60});
+  }
+  return out;
+}
+
+// Most of what the last key frame saw is hidden, and what is left is more than chance.
+TEST(Odometry, FindsTrackAgainByAFewOfManyPoints) {
+  constexpr int kGap = 4, kHidden = 5;
+  constexpr double kPart = 0.66;
+  Input input = one_scene(corridor());
+  const int before = input.size();
+  input.add_black(kGap);
+  for (int i = 0; i < kHidden; ++i) {
+    const int index = before - 1 - i;
+    input.add(corridor(), index, 0);
+    input.views.back() = as_view(partly_hidden(corridor().images[index], kPart), input.size() - 1);
+  }
+  OdometryOptions options;
+  options.min_matches = 200;
+  const Reconstruction r = run(input, options);
+  expect_sound(r, input);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = before + kGap; i < input.size(); ++i) {
+    EXPECT_TRUE(r.frames[i].world_from_rig.has_value()) << i << r.frames[i].reason;
+  }
+  expect_small_error(r, input, 0, 0, 1);
+}
+
 // However long nothing is seen, no other world is started meanwhile and every frame has its reason.
 TEST(Odometry, FindsTrackAgainAfterALongWait) {
   constexpr int kWait = 400;
