@@ -682,7 +682,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   frames_[view->frame].reason = "track lost: " + reason;
   explain_blindness(*view);
   observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
-  look_about(static_cast<int>(segment().map.keyframes.size()));
+  remember_end();
   last_seen_ = std::exchange(previous_, std::nullopt);
   starter_.emplace(rig_, options_);
   if (options_.departures.turning) begin_turn();
@@ -719,7 +719,7 @@ bool Odometry::relocalise(const ViewPtr& view) {
     const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
     const Localisation pose = localiser_.localise(
         map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
-    if (convincing(pose) && take_up(view, newest, pose.rig_from_world)) return true;
+    if (convincing(pose) && take_up(view, newest, pose.rig_from_world, false)) return true;
   }
   if (recall(view)) return true;
   frames_[view->frame].reason = (posed_ > 0 ? "track lost: " : "") + segment().end_reason;
@@ -747,13 +747,13 @@ bool Odometry::find_again(const ViewPtr& view) {
 }
 
 // Track again from a key frame and a first pose of the view; false, where the view does not see what it
-// should.
-bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world) {
+// should. Less will do where corners found without that pose agree on it.
+bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world, bool corners_agree) {
   const Map& map = segment().map;
   const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
-  if (!recognised(pose, options_)) return false;
+  if (!recognised(pose, options_) && !(corners_agree && believable(pose))) return false;
   resume(view, keyframe, std::move(pose));
   return true;
 }
@@ -807,7 +807,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
       }
     }
   }
-  if (tracking()) look_about(static_cast<int>(segment().map.keyframes.size()));
+  if (tracking()) remember_end();
   release_views();
   const std::vector<int> numbers = numbers_of_segments();
   for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {

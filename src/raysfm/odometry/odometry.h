@@ -218,7 +218,7 @@ class Odometry {
   bool previous_may_help() const;
   double promote_previous(const Rigid3* next);
   bool relocalise(const ViewPtr& view);
-  bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world);
+  bool take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world, bool corners_agree);
   bool recall(const ViewPtr& view);
   void take_up_place(const ViewPtr& view, const PlaceRef& where, const DescribedCorners& seen,
                      const RecognisedPlace& place);
@@ -238,6 +238,7 @@ class Odometry {
   std::vector<Map*> maps();
   bool is_new_place(int keyframe) const;
   void remember(int keyframe);
+  void remember_end();
   void close(const Meeting& meeting);
   void join(const Meeting& meeting);
   void fuse(const std::vector<SamePoint>& points);

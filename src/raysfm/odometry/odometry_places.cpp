@@ -16,6 +16,8 @@ constexpr double kSharedWithPlace = 0.5;
 constexpr size_t kLeastDescribed = 40;
 constexpr int kMostRecalled = 5;        // places that a lost view is compared with
 constexpr size_t kRecalledPoints = 30;  // of a place without images, to go on from there
+// Logarithm to base 10 of those of a place whose points are then found in the view as well, by their patches.
+constexpr double kMostFalseAlarms = -10;
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
 // Of second looks every so manieth key frame stays; they are gone through so many at once.
 constexpr int kStays = 10, kThinnedAtOnce = 60;
@@ -78,6 +80,14 @@ void Odometry::look_about(int end) {
     remember(keyframe);
     end += static_cast<int>(segment().map.keyframes.size() - before);  // a world was joined
   }
+}
+
+// The last key frame of the active world, though it is hardly a new place: what is seen next is most like it.
+void Odometry::remember_end() {
+  look_about(static_cast<int>(segment().map.keyframes.size()));
+  const int newest = static_cast<int>(segment().map.keyframes.size()) - 1;
+  if (!options_.loops || !segment().views[newest].view) return;
+  if (segment().map.keyframes[newest].described.empty()) remember(newest);
 }
 
 std::vector<Map*> Odometry::maps() {
@@ -290,7 +300,8 @@ bool Odometry::recall(const ViewPtr& view) {
     const std::optional<RecognisedPlace> place = places_.recognise(seen, maps(), where, view->frame);
     if (!place) continue;
     if (where.world == active_ && segment().views[where.keyframe].view) {
-      if (take_up(view, where.keyframe, place->rig_from_world)) return true;
+      const bool corners_agree = place->log10_false_alarms < kMostFalseAlarms;
+      if (take_up(view, where.keyframe, place->rig_from_world, corners_agree)) return true;
     } else if (place->log10_false_alarms < kCertainPlace && place->matches.size() >= kRecalledPoints) {
       take_up_place(view, where, seen, *place);
       return true;
