@@ -1,6 +1,7 @@
 // The pipeline on real images with surveyed poses.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cctype>
 
 #include "raysfm/eval/trajectory_error.h"
@@ -72,6 +73,42 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
   EXPECT_LT(error->rpe.rot_deg, sequence.max_rotation_deg);
   EXPECT_LT(r.rms_reprojection_px, 1.0);
 }
+
+// What was seen last is remembered, so that the camera may go on meanwhile.
+class HiddenForASecondTest : public testing::TestWithParam<int> {};
+
+TEST_P(HiddenForASecondTest, StaysOneWorld) {
+  const int hidden = GetParam(), seen_again = hidden + 30, count = seen_again + 30;
+  const char* folder = "redkitchen-handheld";
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(folder);
+  Result<Input> input = open_input({shared_data(folder).string()}, {.mono = true});
+  ASSERT_TRUE(input) << input.error().message;
+  ASSERT_TRUE(input->calibration);
+  Odometry odometry(*input->calibration, {});
+  FrameSetReader reader(input->streams);
+  HarrisDetector detector;
+  for (int i = 0; i < count; ++i) {
+    Result<std::vector<InputFrame>> frames = reader.next();
+    ASSERT_TRUE(frames) << frames.error().message;
+    ASSERT_FALSE(frames->empty()) << "frame " << i << " is missing";
+    auto view = std::make_shared<View>();
+    view->frame = i;
+    view->timestamp = (*frames)[0].timestamp;
+    GrayImage& image = view->cameras.emplace_back().image;
+    image = std::move((*frames)[0].gray);
+    const bool is_hidden = i >= hidden && i < seen_again;
+    for (int y = 0; is_hidden && y < image.height(); ++y)
+      std::fill_n(image.row(y), image.width(), uint8_t{0});
+    detect(detector, {.max_features = 1500}, &view->cameras[0]);
+    odometry.process(view);
+  }
+  const Reconstruction r = odometry.finish(false);
+  ASSERT_EQ(r.segments.size(), 1u);
+  for (int i = 0; i < count; ++i)
+    EXPECT_EQ(r.frames[i].world_from_rig.has_value(), i < hidden || i >= seen_again) << i;
+}
+
+INSTANTIATE_TEST_SUITE_P(Real, HiddenForASecondTest, testing::Values(40, 120));
 
 INSTANTIATE_TEST_SUITE_P(Real, RealSequenceTest,
                          testing::Values(RealSequence{"tsukuba-mono", 30, true, 1.0, 0.2},
