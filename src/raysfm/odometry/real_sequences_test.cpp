@@ -1,18 +1,20 @@
 // The pipeline on real images with surveyed poses.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cctype>
+#include <memory>
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/frames/frame_set.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/results/trajectory_file.h"
+#include "support/panel_world.h"
 #include "support/shared_data.h"
 
 namespace raysfm {
 namespace {
 
+using testing_support::flat_image;
 using testing_support::shared_data;
 
 struct RealSequence {
@@ -22,6 +24,20 @@ struct RealSequence {
   double max_percent;       // of the path: mean error of the positions
   double max_rotation_deg;  // rms over consecutive frames
 };
+
+// The next images of a sequence, in which no corners were looked for; null, where there are none.
+std::shared_ptr<View> next_view(FrameSetReader& reader, int number) {
+  Result<std::vector<InputFrame>> frames = reader.next();
+  if (!frames || frames->empty()) {
+    ADD_FAILURE() << "frame " << number << ": " << (frames ? "missing" : frames.error().message);
+    return nullptr;
+  }
+  auto view = std::make_shared<View>();
+  view->frame = number;
+  view->timestamp = (*frames)[0].timestamp;
+  for (InputFrame& frame : *frames) view->cameras.emplace_back().image = std::move(frame.gray);
+  return view;
+}
 
 class RealSequenceTest : public testing::TestWithParam<RealSequence> {};
 
@@ -41,16 +57,9 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
   FrameSetReader reader(input->streams);
   HarrisDetector detector;
   for (int i = 0; i < sequence.frames; ++i) {
-    Result<std::vector<InputFrame>> frames = reader.next();
-    ASSERT_TRUE(frames) << frames.error().message;
-    ASSERT_FALSE(frames->empty()) << "frame " << i << " is missing";
-    auto view = std::make_shared<View>();
-    view->frame = i;
-    view->timestamp = (*frames)[0].timestamp;
-    for (InputFrame& frame : *frames) {
-      view->cameras.emplace_back().image = std::move(frame.gray);
-      detect(detector, corners, &view->cameras.back());
-    }
+    const std::shared_ptr<View> view = next_view(reader, i);
+    ASSERT_TRUE(view);
+    for (CameraView& camera : view->cameras) detect(detector, corners, &camera);
     odometry.process(view);
   }
   const Reconstruction r = odometry.finish(false);
@@ -88,17 +97,10 @@ TEST_P(HiddenForASecondTest, StaysOneWorld) {
   FrameSetReader reader(input->streams);
   HarrisDetector detector;
   for (int i = 0; i < count; ++i) {
-    Result<std::vector<InputFrame>> frames = reader.next();
-    ASSERT_TRUE(frames) << frames.error().message;
-    ASSERT_FALSE(frames->empty()) << "frame " << i << " is missing";
-    auto view = std::make_shared<View>();
-    view->frame = i;
-    view->timestamp = (*frames)[0].timestamp;
-    GrayImage& image = view->cameras.emplace_back().image;
-    image = std::move((*frames)[0].gray);
-    const bool is_hidden = i >= hidden && i < seen_again;
-    for (int y = 0; is_hidden && y < image.height(); ++y)
-      std::fill_n(image.row(y), image.width(), uint8_t{0});
+    const std::shared_ptr<View> view = next_view(reader, i);
+    ASSERT_TRUE(view);
+    GrayImage& image = view->cameras[0].image;
+    if (i >= hidden && i < seen_again) image = flat_image(image.width(), image.height(), 0);
     detect(detector, {.max_features = 1500}, &view->cameras[0]);
     odometry.process(view);
   }

@@ -306,9 +306,10 @@ void search_again(const ThreeViewBearings& bearings, const ThreeViewOptions& opt
                   const ThreeViewStart& empty, RansacOptions search, MotionRansac& motions,
                   ThreeViewStart* start) {
   constexpr double kHopeless = 28;  // times the error: of less parallax more searches tell nothing
+  const int most = std::max(options.searches, options.searches_in_doubt);
   double cost = cost_of(*start, motions);
   std::vector<End> others;
-  for (int k = 1, searches = std::max(options.searches, options.searches_in_doubt); k < searches; ++k) {
+  for (int k = 1, searches = most; k < searches; ++k) {
     search.seed += kOtherSeed;
     ThreeViewMotion motion;
     const RansacReport report = ransac(motions, search, &motion);
@@ -324,7 +325,7 @@ void search_again(const ThreeViewBearings& bearings, const ThreeViewOptions& opt
     ThreeViewStart weighed = *start;
     weigh(others, bearings.size(), options, &weighed);
     const bool open = weighed.ok() && weighed.least_parallax > kHopeless * weighed.rms_error;
-    searches = open ? std::max(options.searches, options.searches_in_doubt) : options.searches;
+    searches = open ? most : options.searches;
   }
   weigh(others, bearings.size(), options, start);
 }

@@ -35,8 +35,8 @@ struct ThreeViewOptions {
   double confidence = 0.9999;
   // >= 1: of a start that one search found. A motion far from the right one may agree with most matches where
   // the parallax is small, and a search ends once most agree; the motion that fits best is taken, and others
-  // that fit about as well are held against it. Where two searches do not end alike there are
-  // `searches_in_doubt` of them.
+  // that fit about as well are held against it. There are `searches_in_doubt` of them, and only
+  // `searches` where those that end apart have told that more would tell nothing.
   int searches = 4;
   int searches_in_doubt = 8;
   uint64_t seed = 0;
