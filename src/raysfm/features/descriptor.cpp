@@ -138,7 +138,8 @@ constexpr int kTests = 256;
 // radius to an even one, a blur less and two more, the octave of the corner itself (a fifth of the matches
 // fewer).
 constexpr int kRadius = kDiscRadius;
-constexpr int kMargin = 8;       // pixels by which a disc may leave the picture
+constexpr int kOutside = 8;      // pixels by which a disc may leave the picture
+constexpr int kMargin = 16;      // pixels about a picture, so that a larger one may too
 constexpr int kDirections = 64;  // of the pattern
 constexpr int kFixed = 1 << 12;
 
@@ -176,27 +177,53 @@ Offset draw_point(Rng& rng) {
   }
 }
 
-// The tests in every direction.
-std::array<std::array<Test, kTests>, kDirections> make_pattern() {
-  constexpr int kMinDistance = 3;
-  std::array<std::array<Test, kTests>, kDirections> pattern;
-  Rng rng(2);
+using Pattern = std::array<Test, kTests>;
+
+// A pattern of points times a complex number, in units of kFixed.
+Pattern times(const Pattern& pattern, const Offset& factor) {
+  const auto round = [](int v) {
+    return static_cast<int8_t>((v + (v < 0 ? -kFixed / 2 : kFixed / 2)) / kFixed);
+  };
+  const auto x = [&](int px, int py) { return round(factor.x * px - factor.y * py); };
+  const auto y = [&](int px, int py) { return round(factor.y * px + factor.x * py); };
+  Pattern out;
   for (int i = 0; i < kTests; ++i) {
+    const Test& t = pattern[i];
+    out[i] = {x(t.ax, t.ay), y(t.ax, t.ay), x(t.bx, t.by), y(t.bx, t.by)};
+  }
+  return out;
+}
+
+Pattern make_upright_pattern() {
+  constexpr int kMinDistance = 3;
+  Pattern pattern;
+  Rng rng(2);
+  for (Test& test : pattern) {
     Offset a, b, apart;
     do {
       a = draw_point(rng), b = draw_point(rng);
       apart = {a.x - b.x, a.y - b.y};
     } while (apart.x * apart.x + apart.y * apart.y < kMinDistance * kMinDistance);
-    for (int d = 0; d < kDirections; ++d) {
-      const auto round = [](int v) {
-        return static_cast<int8_t>((v + (v < 0 ? -kFixed / 2 : kFixed / 2)) / kFixed);
-      };
-      const auto x = [&](const Offset& p) { return round(kUnit[d].x * p.x - kUnit[d].y * p.y); };
-      const auto y = [&](const Offset& p) { return round(kUnit[d].y * p.x + kUnit[d].x * p.y); };
-      pattern[d][i] = {x(a), y(a), x(b), y(b)};
-    }
+    test = {static_cast<int8_t>(a.x), static_cast<int8_t>(a.y), static_cast<int8_t>(b.x),
+            static_cast<int8_t>(b.y)};
   }
   return pattern;
+}
+
+// The tests in every direction.
+std::array<Pattern, kDirections> make_patterns() {
+  const Pattern upright = make_upright_pattern();
+  std::array<Pattern, kDirections> patterns;
+  for (int d = 0; d < kDirections; ++d) patterns[d] = times(upright, kUnit[d]);
+  return patterns;
+}
+
+// Upright ones: for the octave of a corner and for the next coarser one, there less than twice as large.
+std::array<Pattern, kUprightSizes> make_upright_patterns() {
+  constexpr int kLarger = 1448;  // times 1024: the square root of two
+  static_assert(kRadius * kLarger / 1024 <= kRadius - kOutside + kMargin - 1);
+  const Pattern upright = make_upright_pattern();
+  return {times(upright, {kLarger * kFixed / 1024, 0}), upright};
 }
 
 // Direction of the centroid of the intensities of the disc (Rosin 1999).
@@ -211,9 +238,7 @@ int direction_at(const GrayView& image, int x, int y) {
   return best;
 }
 
-Descriptor describe_at(const GrayView& image, int x, int y) {
-  static const auto kPattern = make_pattern();
-  const std::array<Test, kTests>& tests = kPattern[direction_at(image, x, y)];
+Descriptor describe_at(const GrayView& image, int x, int y, const Pattern& tests) {
   const uint8_t* centre = image.row(y) + x;
   const auto stride = static_cast<int>(image.stride);
   Descriptor out;
@@ -229,6 +254,15 @@ Descriptor describe_at(const GrayView& image, int x, int y) {
 }
 
 }  // namespace
+
+// Of a corner in an octave: its pixel in the image with margins; false where too little of the picture is
+// about it.
+bool find_place(const Eigen::Vector2f& in_octave, const GrayImage& padded, int* x, int* y) {
+  constexpr int kLeast = kMargin + kRadius - kOutside;
+  *x = kMargin + static_cast<int>(std::lround(in_octave.x()));
+  *y = kMargin + static_cast<int>(std::lround(in_octave.y()));
+  return *x >= kLeast && *y >= kLeast && *x + kLeast < padded.width() && *y + kLeast < padded.height();
+}
 
 const GrayImage& Describer::smooth(const Octaves& picture, int octave) {
   GrayImage& padded = smooth_[octave];
@@ -249,6 +283,7 @@ const GrayImage& Describer::smooth(const Octaves& picture, int octave) {
 
 void Describer::describe(const Octaves& picture, std::span<const Eigen::Vector2f> pixels,
                          std::span<const uint8_t> octaves, DescriptorSet* out) {
+  static const auto kPatterns = make_patterns();
   out->corners.clear();
   out->descriptors.clear();
   smooth_.clear();
@@ -257,37 +292,112 @@ void Describer::describe(const Octaves& picture, std::span<const Eigen::Vector2f
     // The next coarser one: twice the disc tells more than twice the detail.
     const int octave = picture.clamp(octaves[i] + 1);
     const GrayImage& image = smooth(picture, octave);
-    const Eigen::Vector2f place = into_octave(pixels[i], octave);
-    const int x = kMargin + static_cast<int>(std::lround(place.x()));
-    const int y = kMargin + static_cast<int>(std::lround(place.y()));
-    if (x < kRadius || y < kRadius || x + kRadius >= image.width() || y + kRadius >= image.height()) continue;
+    int x, y;
+    if (!find_place(into_octave(pixels[i], octave), image, &x, &y)) continue;
     out->corners.push_back(static_cast<int>(i));
-    out->descriptors.push_back(describe_at(image, x, y));
+    out->descriptors.push_back(describe_at(image, x, y, kPatterns[direction_at(image, x, y)]));
   }
 }
+
+void Describer::describe_upright(const Octaves& picture, std::span<const Eigen::Vector2f> pixels,
+                                 std::span<const uint8_t> octaves, std::vector<UprightDescriptor>* out) {
+  static const auto kPatterns = make_upright_patterns();
+  smooth_.clear();
+  smooth_.resize(picture.last() + 1);
+  out->assign(pixels.size(), {});
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    for (int size = 0; size < kUprightSizes; ++size) {
+      const int octave = picture.clamp(octaves[i] + size);
+      const GrayImage& image = smooth(picture, octave);
+      int x, y;
+      if (!find_place(into_octave(pixels[i], octave), image, &x, &y)) continue;
+      (*out)[i][size] = describe_at(image, x, y, kPatterns[size]);
+    }
+  }
+}
+
+namespace {
+
+constexpr uint64_t kNone = std::numeric_limits<uint64_t>::max();
+
+// Of a rank.
+uint64_t index_of(uint64_t rank) {
+  return static_cast<uint32_t>(rank);
+}
+float distance_of(uint64_t rank) {
+  return static_cast<float>(rank >> 32);
+}
+
+// The two least ranks of different indices, of those that a query was offered.
+struct TwoRanks {
+  uint64_t best = kNone, second = kNone;
+
+  void offer(uint64_t rank) {
+    if (rank >= second) return;
+    if (rank >= best) {
+      if (index_of(rank) != index_of(best)) second = rank;
+      return;
+    }
+    if (index_of(rank) != index_of(best)) second = best;
+    best = rank;
+  }
+};
+
+// Ranks each train descriptor for each query, both ways. What is ranked before counts too.
+template <typename QueryAt, typename TrainAt>
+void rank_both_ways(size_t queries, size_t trains, const QueryAt& query_at, const TrainAt& train_at,
+                    std::vector<TwoRanks>* of_query, std::vector<uint64_t>* best_of_train) {
+  std::vector<uint64_t> words(4 * trains);
+  for (size_t t = 0; t < trains; ++t) {
+    for (int w = 0; w < 4; ++w) words[w * trains + t] = train_at(t).bits[w];
+  }
+  for (size_t q = 0; q < queries; ++q) {
+    uint64_t two_best[2];
+    HWY_DYNAMIC_DISPATCH(find_two_best)
+    (query_at(q), static_cast<int>(q), words.data(), static_cast<int>(trains), two_best,
+     best_of_train->data());
+    for (const uint64_t rank : two_best) (*of_query)[q].offer(rank);
+  }
+}
+
+void take_mutual(std::span<const TwoRanks> of_query, std::span<const uint64_t> best_of_train, float max_ratio,
+                 std::vector<DescriptorMatch>* matches) {
+  for (size_t q = 0; q < of_query.size(); ++q) {
+    const auto [best, second] = of_query[q];
+    if (index_of(best_of_train[index_of(best)]) != q) continue;
+    if (distance_of(best) >= max_ratio * distance_of(second)) continue;
+    matches->push_back({static_cast<int>(q), static_cast<int>(index_of(best)), static_cast<int>(best >> 32)});
+  }
+}
+
+}  // namespace
 
 void match_descriptors(std::span<const Descriptor> query, std::span<const Descriptor> train, float max_ratio,
                        std::vector<DescriptorMatch>* matches) {
   matches->clear();
   if (train.empty()) return;
-  const int size = static_cast<int>(train.size());
-  std::vector<uint64_t> words(4 * train.size()), two_best(2 * query.size());
-  std::vector<uint64_t> best_of_train(train.size(), std::numeric_limits<uint64_t>::max());
-  for (int t = 0; t < size; ++t) {
-    for (int w = 0; w < 4; ++w) words[w * size + t] = train[t].bits[w];
+  std::vector<TwoRanks> of_query(query.size());
+  std::vector<uint64_t> best_of_train(train.size(), kNone);
+  rank_both_ways(
+      query.size(), train.size(), [&](size_t q) -> const Descriptor& { return query[q]; },
+      [&](size_t t) -> const Descriptor& { return train[t]; }, &of_query, &best_of_train);
+  take_mutual(of_query, best_of_train, max_ratio, matches);
+}
+
+void match_descriptors(std::span<const UprightDescriptor> query, std::span<const UprightDescriptor> train,
+                       float max_ratio, std::vector<DescriptorMatch>* matches) {
+  matches->clear();
+  if (train.empty()) return;
+  std::vector<TwoRanks> of_query(query.size());
+  std::vector<uint64_t> best_of_train(train.size(), kNone);
+  for (int a = 0; a < kUprightSizes; ++a) {
+    for (int b = 0; b < kUprightSizes; ++b) {
+      rank_both_ways(
+          query.size(), train.size(), [&](size_t q) -> const Descriptor& { return query[q][a]; },
+          [&](size_t t) -> const Descriptor& { return train[t][b]; }, &of_query, &best_of_train);
+    }
   }
-  for (size_t q = 0; q < query.size(); ++q) {
-    HWY_DYNAMIC_DISPATCH(find_two_best)
-    (query[q], static_cast<int>(q), words.data(), size, &two_best[2 * q], best_of_train.data());
-  }
-  const auto index_of = [](uint64_t rank) { return static_cast<int>(static_cast<uint32_t>(rank)); };
-  const auto distance_of = [](uint64_t rank) { return static_cast<float>(rank >> 32); };
-  for (int q = 0; q < static_cast<int>(query.size()); ++q) {
-    const uint64_t best = two_best[2 * q], second = two_best[2 * q + 1];
-    if (index_of(best_of_train[index_of(best)]) != q) continue;
-    if (distance_of(best) >= max_ratio * distance_of(second)) continue;
-    matches->push_back({q, index_of(best), static_cast<int>(best >> 32)});
-  }
+  take_mutual(of_query, best_of_train, max_ratio, matches);
 }
 
 }  // namespace raysfm

@@ -23,6 +23,13 @@ inline int distance(const Descriptor& a, const Descriptor& b) {
   return sum;
 }
 
+// The same in two patterns that do not turn: one of the octave of the corner, one of nearly half as large
+// again. For pictures that are taken upright, as people and cars take them: over 10 pairs of views of a room
+// from 0.2 to 0.5 m apart, 6 to 30 degrees turned, rolled by up to 10, 971 right matches in place of 621, the
+// worst pair 27 in place of 4.
+constexpr int kUprightSizes = 2;
+using UprightDescriptor = std::array<Descriptor, kUprightSizes>;
+
 // Descriptors of some of a list of corners.
 struct DescriptorSet {
   std::vector<int> corners;  // index of the corner, ascending
@@ -39,6 +46,9 @@ class Describer {
   // Corners too near to the border have no descriptor.
   void describe(const Octaves& picture, std::span<const Eigen::Vector2f> pixels,
                 std::span<const uint8_t> octaves, DescriptorSet* out);
+  // Of corners that describe() describes.
+  void describe_upright(const Octaves& picture, std::span<const Eigen::Vector2f> pixels,
+                        std::span<const uint8_t> octaves, std::vector<UprightDescriptor>* out);
 
  private:
   const GrayImage& smooth(const Octaves& picture, int octave);
@@ -59,5 +69,8 @@ struct DescriptorMatch {
 // lower index.
 void match_descriptors(std::span<const Descriptor> query, std::span<const Descriptor> train, float max_ratio,
                        std::vector<DescriptorMatch>* matches);
+// The same of upright ones, whose distance is that of the two sizes that look most alike.
+void match_descriptors(std::span<const UprightDescriptor> query, std::span<const UprightDescriptor> train,
+                       float max_ratio, std::vector<DescriptorMatch>* matches);
 
 }  // namespace raysfm

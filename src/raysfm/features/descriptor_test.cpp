@@ -30,10 +30,19 @@ Descriptor flipped(Descriptor d, int flips) {
   return d;
 }
 
+int distance(const UprightDescriptor& a, const UprightDescriptor& b) {
+  int least = 256;
+  for (const Descriptor& of_a : a) {
+    for (const Descriptor& of_b : b) least = std::min(least, distance(of_a, of_b));
+  }
+  return least;
+}
+
 // The definition, in plain loops.
-std::vector<DescriptorMatch> match_plainly(std::span<const Descriptor> query,
-                                           std::span<const Descriptor> train, float max_ratio) {
-  const auto nearest = [](const Descriptor& d, std::span<const Descriptor> others, int without) {
+template <typename D>
+std::vector<DescriptorMatch> match_plainly(std::span<const D> query, std::span<const D> train,
+                                           float max_ratio) {
+  const auto nearest = [](const D& d, std::span<const D> others, int without) {
     int best = -1;
     for (int i = 0; i < static_cast<int>(others.size()); ++i) {
       if (i != without && (best < 0 || distance(d, others[i]) < distance(d, others[best]))) best = i;
@@ -55,25 +64,49 @@ std::vector<DescriptorMatch> match_plainly(std::span<const Descriptor> query,
   return out;
 }
 
+template <typename D>
+void expect_matches_of_the_definition(const std::vector<D>& query, const std::vector<D>& train) {
+  for (const float ratio : {0.8f, 1.0f}) {
+    const std::vector<DescriptorMatch> expected =
+        match_plainly(std::span<const D>(query), std::span<const D>(train), ratio);
+    ASSERT_FALSE(expected.empty());
+    testing_support::for_each_instruction_set([&](const char* name) {
+      std::vector<DescriptorMatch> matches;
+      match_descriptors(query, train, ratio, &matches);
+      ASSERT_EQ(matches.size(), expected.size()) << name << ", " << train.size();
+      for (size_t i = 0; i < matches.size(); ++i) {
+        EXPECT_EQ(matches[i].query, expected[i].query) << name;
+        EXPECT_EQ(matches[i].train, expected[i].train) << name;
+        EXPECT_EQ(matches[i].distance, expected[i].distance) << name;
+      }
+    });
+  }
+}
+
 TEST(Descriptor, MatchesAreThoseOfTheDefinitionOnEveryInstructionSet) {
   for (const int size : {1, 2, 7, 8, 9, 150}) {
     const std::vector<Descriptor> train = random_descriptors(size, 1);
     std::vector<Descriptor> query = random_descriptors(40, 2);
     for (int i = 0; i < 40; i += 2) query[i] = flipped(train[3 * i % size], i);
-    for (const float ratio : {0.8f, 1.0f}) {
-      const std::vector<DescriptorMatch> expected = match_plainly(query, train, ratio);
-      ASSERT_FALSE(expected.empty());
-      testing_support::for_each_instruction_set([&](const char* name) {
-        std::vector<DescriptorMatch> matches;
-        match_descriptors(query, train, ratio, &matches);
-        ASSERT_EQ(matches.size(), expected.size()) << name << ", " << size;
-        for (size_t i = 0; i < matches.size(); ++i) {
-          EXPECT_EQ(matches[i].query, expected[i].query) << name;
-          EXPECT_EQ(matches[i].train, expected[i].train) << name;
-          EXPECT_EQ(matches[i].distance, expected[i].distance) << name;
-        }
-      });
+    expect_matches_of_the_definition(query, train);
+  }
+}
+
+// Of two sizes each. Train descriptors look like a query at one size, or at both, or two of them like one
+// query.
+TEST(UprightDescriptor, MatchesAreThoseOfTheDefinitionOnEveryInstructionSet) {
+  for (const int size : {1, 2, 7, 8, 9, 150}) {
+    const std::vector<Descriptor> first = random_descriptors(size, 1), second = random_descriptors(size, 2);
+    const std::vector<Descriptor> others = random_descriptors(80, 3);
+    std::vector<UprightDescriptor> train, query;
+    for (int t = 0; t < size; ++t) train.push_back({first[t], second[t]});
+    for (int i = 0; i < 40; ++i) {
+      UprightDescriptor& q = query.emplace_back(UprightDescriptor{others[2 * i], others[2 * i + 1]});
+      if (i % 2 == 0) q[i / 2 % 2] = flipped(train[3 * i % size][i / 4 % 2], i);
+      if (i % 8 == 0) q[1] = flipped(q[0], i / 4);
+      if (i % 10 == 0) q[1] = flipped(train[(3 * i + 1) % size][0], i + 6);
     }
+    expect_matches_of_the_definition(query, train);
   }
 }
 
@@ -90,16 +123,24 @@ TEST(Descriptor, NothingMatchesNothing) {
 constexpr int kSide = 320;
 constexpr double kMiddle = (kSide - 1) / 2.0;
 
-Octaves turned_picture(double degrees, double gain = 1, double bias = 0, double sigma = 0) {
+Octaves picture_through(const Eigen::Matrix2d& picture_from_texture, double gain = 1, double bias = 0,
+                        double sigma = 0) {
   const Texture texture(5, 9, 90, 35);
-  const Eigen::Rotation2Dd back(-degrees * std::numbers::pi / 180);
+  const Eigen::Matrix2d back = picture_from_texture.inverse();
   const Eigen::Vector2d middle(kMiddle, kMiddle);
   const auto place_of = [&](const Eigen::Vector2d& p) -> Eigen::Vector2d { return back * (p - middle); };
   return Octaves(render(texture, kSide, kSide, place_of, gain, bias, sigma), kSide * kSide);
 }
 
-std::vector<Eigen::Vector2f> places(double degrees) {
-  const Eigen::Rotation2Dd turn(degrees * std::numbers::pi / 180);
+Eigen::Matrix2d turn_by(double degrees) {
+  return Eigen::Rotation2Dd(degrees * std::numbers::pi / 180).toRotationMatrix();
+}
+
+Octaves turned_picture(double degrees, double gain = 1, double bias = 0, double sigma = 0) {
+  return picture_through(turn_by(degrees), gain, bias, sigma);
+}
+
+std::vector<Eigen::Vector2f> places_through(const Eigen::Matrix2d& turn) {
   std::vector<Eigen::Vector2f> out;
   for (int y = 90; y <= 230; y += 14) {
     for (int x = 90; x <= 230; x += 14) {
@@ -108,6 +149,10 @@ std::vector<Eigen::Vector2f> places(double degrees) {
     }
   }
   return out;
+}
+
+std::vector<Eigen::Vector2f> places(double degrees) {
+  return places_through(turn_by(degrees));
 }
 
 DescriptorSet describe(const Octaves& picture, std::span<const Eigen::Vector2f> pixels) {
@@ -133,6 +178,56 @@ TEST_P(TurnedPicture, PlacesFindThemselvesAgain) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Descriptor, TurnedPicture, testing::Values(0, 17, 90, 180, 251));
+
+std::vector<UprightDescriptor> describe_upright(const Octaves& picture,
+                                                std::span<const Eigen::Vector2f> pixels) {
+  const std::vector<uint8_t> octaves(pixels.size(), static_cast<uint8_t>(picture.first()));
+  std::vector<UprightDescriptor> out;
+  Describer().describe_upright(picture, pixels, octaves, &out);
+  return out;
+}
+
+template <typename D>
+int right_matches(const std::vector<D>& before, const std::vector<D>& after) {
+  std::vector<DescriptorMatch> matches;
+  match_descriptors(before, after, 0.85f, &matches);
+  return static_cast<int>(
+      std::ranges::count_if(matches, [](const DescriptorMatch& m) { return m.query == m.train; }));
+}
+
+// A wall seen from the front, then aslant and larger.
+TEST(UprightDescriptor, FindsMoreFromAsideThanTheOneThatTurns) {
+  const Eigen::Matrix2d slant = turn_by(8) * Eigen::DiagonalMatrix<double, 2>(0.75, 1.4);
+  const Octaves front = picture_through(Eigen::Matrix2d::Identity()),
+                aside = picture_through(slant, 0.8, 20, 3);
+  const auto here = places(0), there = places_through(slant);
+  const int turning = right_matches(describe(front, here).descriptors, describe(aside, there).descriptors);
+  const int upright = right_matches(describe_upright(front, here), describe_upright(aside, there));
+  EXPECT_GT(upright, 1.3 * turning);
+  EXPECT_GT(upright, 40);
+}
+
+// A corner of a coarser octave looks the same twice as near.
+TEST(UprightDescriptor, IsOfTheOctaveOfItsCorner) {
+  const Octaves far = picture_through(Eigen::Matrix2d::Identity()),
+                near = picture_through(2 * Eigen::Matrix2d::Identity());
+  std::vector<Eigen::Vector2f> here, there;
+  for (const Eigen::Vector2f& p : places(0)) {
+    const Eigen::Vector2f twice = (2 * (p.array() - kMiddle) + kMiddle).matrix();
+    if (twice.minCoeff() < 40 || twice.maxCoeff() > kSide - 40) continue;
+    here.push_back(p);
+    there.push_back(twice);
+  }
+  ASSERT_EQ(far.first(), 0);
+  const std::vector<uint8_t> fine(here.size(), 0), coarse(here.size(), 1);
+  std::vector<UprightDescriptor> of_far, of_near;
+  Describer().describe_upright(far, here, fine, &of_far);
+  Describer().describe_upright(near, there, coarse, &of_near);
+  for (size_t i = 0; i < here.size(); ++i) {
+    for (int size = 0; size < kUprightSizes; ++size)
+      EXPECT_LT(distance(of_far[i][size], of_near[i][size]), 50);
+  }
+}
 
 TEST(Descriptor, IsTheSameOnEveryInstructionSet) {
   const Octaves picture = turned_picture(40);

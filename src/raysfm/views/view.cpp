@@ -82,6 +82,7 @@ void extract_keyframe_patches(int first_corner, KeyFrameView* out) {
         indices.push_back(i);
         pixels.push_back(out->pixels[i]);
       }
+      if (pixels.empty()) continue;  // a small image may not have the octave at all
       extract_patches(*out->view->cameras[c].octaves, octave, pixels, &patches);
       for (int k = 0; k < patches.size(); ++k) copy_patch(patches, k, indices[k], &out->patches);
     }
