@@ -239,6 +239,7 @@ class Odometry {
   bool is_new_place(int keyframe) const;
   void remember(int keyframe);
   void remember_end();
+  void add_end();
   void close(const Meeting& meeting);
   void join(const Meeting& meeting);
   void fuse(const std::vector<SamePoint>& points);

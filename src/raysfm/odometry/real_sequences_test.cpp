@@ -39,6 +39,18 @@ std::shared_ptr<View> next_view(FrameSetReader& reader, int number) {
   return view;
 }
 
+// Of frames that all have a pose.
+Trajectory trajectory_of(const Reconstruction& r) {
+  Trajectory out;
+  for (const PosedFrame& f : r.frames) {
+    EXPECT_TRUE(f.world_from_rig) << f.reason;
+    if (!f.world_from_rig) continue;
+    out.timestamps.push_back(f.timestamp);
+    out.world_from_cam.push_back(*f.world_from_rig);
+  }
+  return out;
+}
+
 class RealSequenceTest : public testing::TestWithParam<RealSequence> {};
 
 TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
@@ -65,12 +77,7 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
   const Reconstruction r = odometry.finish(false);
 
   ASSERT_EQ(r.segments.size(), 1u);
-  Trajectory estimate;
-  for (const PosedFrame& f : r.frames) {
-    ASSERT_TRUE(f.world_from_rig) << f.reason;
-    estimate.timestamps.push_back(f.timestamp);
-    estimate.world_from_cam.push_back(*f.world_from_rig);
-  }
+  const Trajectory estimate = trajectory_of(r);
   EXPECT_EQ(r.metric_scale, !sequence.mono);
   const Result<Evaluation> error =
       evaluate(estimate, *truth, {.alignment = sequence.mono ? Alignment::kSim3 : Alignment::kSe3});
@@ -111,6 +118,39 @@ TEST_P(HiddenForASecondTest, StaysOneWorld) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Real, HiddenForASecondTest, testing::Values(40, 120));
+
+// Two seconds are cut out, in which the camera moved on by half a metre: what is seen next is seen from
+// aside.
+class CutOutTest : public testing::TestWithParam<int> {};
+
+TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
+  const int cut = GetParam(), goes_on = cut + 60, end = goes_on + 60;
+  const char* folder = "redkitchen-handheld";
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(folder);
+  Result<Input> input = open_input({shared_data(folder).string()}, {.mono = true});
+  ASSERT_TRUE(input) << input.error().message;
+  ASSERT_TRUE(input->calibration);
+  Odometry odometry(*input->calibration, {});
+  FrameSetReader reader(input->streams);
+  HarrisDetector detector;
+  for (int i = 0; i < end; ++i) {
+    const std::shared_ptr<View> view = next_view(reader, i < cut ? i : i - 60);
+    ASSERT_TRUE(view);
+    if (i >= cut && i < goes_on) continue;
+    detect(detector, {.max_features = 1500}, &view->cameras[0]);
+    odometry.process(view);
+  }
+  const Reconstruction r = odometry.finish(false);
+  ASSERT_EQ(r.segments.size(), 1u);
+  const Result<Trajectory> truth = read_trajectory(shared_data(folder) / "truth.txt");
+  ASSERT_TRUE(truth) << truth.error().message;
+  const Result<Evaluation> error = evaluate(trajectory_of(r), *truth, {.alignment = Alignment::kSim3});
+  ASSERT_TRUE(error) << error.error().message;
+  EXPECT_EQ(static_cast<int>(error->matches.size()), end - 60);
+  EXPECT_LT(error->percent_of_path(), 3) << "of " << error->length << " m";
+}
+
+INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(40, 100));
 
 INSTANTIATE_TEST_SUITE_P(Real, RealSequenceTest,
                          testing::Values(RealSequence{"tsukuba-mono", 30, true, 1.0, 0.2},

@@ -82,4 +82,23 @@ DescribedCorners describe_corners(const View& view, Describer& describer) {
   return out;
 }
 
+void describe_upright(const View& view, Describer& describer, DescribedCorners* corners) {
+  corners->upright.resize(corners->corners.size());
+  for (int c = 0; c < static_cast<int>(view.cameras.size()); ++c) {
+    std::vector<int> of_camera;
+    std::vector<Eigen::Vector2f> pixels;
+    std::vector<uint8_t> octaves;
+    for (int i = 0; i < static_cast<int>(corners->corners.size()); ++i) {
+      const TrackPixel& corner = corners->corners[i];
+      if (corner.camera != c) continue;
+      of_camera.push_back(i);
+      pixels.push_back(corner.pixel);
+      octaves.push_back(corner.octave);
+    }
+    std::vector<UprightDescriptor> upright;
+    describer.describe_upright(*view.cameras[c].octaves, pixels, octaves, &upright);
+    for (size_t i = 0; i < of_camera.size(); ++i) corners->upright[of_camera[i]] = upright[i];
+  }
+}
+
 }  // namespace raysfm

@@ -18,7 +18,9 @@ void describe_keyframe(const Map& map, const View& view, Describer& describer, M
 struct DescribedCorners {
   std::vector<TrackPixel> corners;  // their tracks are not known
   std::vector<Descriptor> descriptors;
+  std::vector<UprightDescriptor> upright = {};  // of the same corners; empty until asked for
 };
 DescribedCorners describe_corners(const View& view, Describer& describer);
+void describe_upright(const View& view, Describer& describer, DescribedCorners* corners);
 
 }  // namespace raysfm

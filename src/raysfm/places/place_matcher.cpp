@@ -16,7 +16,7 @@ constexpr double kCornerError = 4;  // standard deviations, which are pixels of 
 // Once a pose is there: how far a corner may be from where it sees a point, as a part of the image's width,
 // and the bits by which the two may differ.
 constexpr float kGuideShare = 0.012f;
-constexpr int kMostDifferent = 70;
+constexpr int kMostDifferent = 70, kMostDifferentUpright = 60;
 constexpr double kRivalShare = 0.3;  // of the matches that agree with a pose, which another explains
 constexpr int kNeighbours = 4;       // key frames beside that of the place whose points are looked for
 // Corners stand in groups: so many times more often than in a picture of dots is another one where a wrong
@@ -24,11 +24,18 @@ constexpr int kNeighbours = 4;       // key frames beside that of the place whos
 constexpr double kClustering = 10;
 constexpr int kCellsAcross = 24;  // agreement within one cell of the image counts once
 
-struct PerCamera {
-  int camera;
-  int column, row;
-  auto operator<=>(const PerCamera&) const = default;
-};
+// Aside, where points are looked for that are not there: so many times as far as they may be from their
+// place.
+constexpr float kAside = 3;
+
+// At the sizes at which they look most alike.
+int least_distance(const UprightDescriptor& a, const UprightDescriptor& b) {
+  int least = distance(a[0], b[0]);
+  for (int i = 1; i < kUprightSizes * kUprightSizes; ++i) {
+    least = std::min(least, distance(a[i / kUprightSizes], b[i % kUprightSizes]));
+  }
+  return least;
+}
 
 // Key frames with descriptors that share most points with one, that one first.
 std::vector<int> described_about(const Map& map, int keyframe) {
@@ -53,6 +60,11 @@ double log10_choose(int n, int k) {
 
 }  // namespace
 
+ImageCell cell_of(const TrackingRig& rig, int camera, const Eigen::Vector2f& pixel) {
+  const float side = static_cast<float>(rig.camera(camera).width) / kCellsAcross;
+  return {camera, static_cast<int>(pixel.x() / side), static_cast<int>(pixel.y() / side)};
+}
+
 double log10_chance_poses(int matches, int agreeing, double chance, int sample) {
   if (agreeing <= sample) return 0;
   return std::log10(double(matches)) + log10_choose(matches, agreeing) + log10_choose(agreeing, sample) +
@@ -67,6 +79,15 @@ void PlaceMatcher::match(const DescribedCorners& seen, const Map& map, int keyfr
   for (const DescriptorMatch& m : alike_) {
     const int track = k.tracks[k.described[m.query]];
     if (track >= 0 && map.tracks[track].triangulated) matches_.push_back({m.train, track});
+  }
+}
+
+void PlaceMatcher::match(const DescribedCorners& seen, const Map& map, const TrackEnd& end) {
+  match_descriptors(end.upright, seen.upright, kMaxRatio, &alike_);
+  matches_.clear();
+  for (const DescriptorMatch& m : alike_) {
+    const int track = end.corners[m.query].track;
+    if (map.tracks[track].triangulated) matches_.push_back({m.train, track});
   }
 }
 
@@ -120,9 +141,7 @@ bool PlaceMatcher::has_rival(const DescribedCorners& seen, const Map& map, const
   return rival_.ok() && rival_.inlier_count >= kRivalShare * agreeing;
 }
 
-// The points of the place and of those beside it, looked for where a pose sees them.
-void PlaceMatcher::match_about(const DescribedCorners& seen, const Map& map, int keyframe,
-                               const Rigid3& rig_from_world) {
+void PlaceMatcher::begin_to_look(const DescribedCorners& seen, const Map& map) {
   grids_.resize(rig_.size());
   corners_of_camera_.resize(rig_.size());
   for (int c = 0; c < rig_.size(); ++c) {
@@ -136,57 +155,147 @@ void PlaceMatcher::match_about(const DescribedCorners& seen, const Map& map, int
     grids_[c].build(pixels, rig_.camera(c).width, rig_.camera(c).height);
   }
   matches_.clear();
+  search_ = {};
   corner_taken_.assign(seen.corners.size(), 0);
   track_taken_.assign(map.tracks.size(), 0);
-  for (const int k : described_about(map, keyframe)) match_points_of(seen, map, k, rig_from_world);
 }
 
-void PlaceMatcher::match_points_of(const DescribedCorners& seen, const Map& map, int keyframe,
-                                   const Rigid3& rig_from_world) {
-  const MapKeyFrame& k = map.keyframes[keyframe];
-  for (size_t i = 0; i < k.described.size(); ++i) {
-    const int track = k.tracks[k.described[i]];
-    if (track < 0 || track_taken_[track] || !map.tracks[track].triangulated) continue;
-    const Eigen::Vector3d point = rig_from_world * map.tracks[track].position;
-    int best = -1, best_distance = kMostDifferent + 1;
-    for (int c = 0; c < rig_.size(); ++c) {
-      Eigen::Vector2d pixel;
-      if (!rig_.see(c, rig_.cam_from_rig(c) * point, &pixel)) continue;
-      const float radius = kGuideShare * static_cast<float>(rig_.camera(c).width);
-      grids_[c].for_each_in(pixel.cast<float>(), radius, [&](int j) {
-        const int corner = corners_of_camera_[c][j];
-        const int differing = distance(seen.descriptors[corner], k.descriptors[i]);
-        if (corner_taken_[corner] || differing >= best_distance) return;
-        best = corner;
-        best_distance = differing;
-      });
+// The corner about a pixel that looks most like a point, of those that look like it at all; -1: there is
+// none.
+template <typename Differing>
+int PlaceMatcher::nearest_corner(int camera, const Eigen::Vector2d& pixel, int most,
+                                 const Differing& differing) const {
+  const float radius = kGuideShare * static_cast<float>(rig_.camera(camera).width);
+  int best = -1, best_distance = most + 1;
+  grids_[camera].for_each_in(pixel.cast<float>(), radius, [&](int j) {
+    const int corner = corners_of_camera_[camera][j];
+    const int bits = differing(corner);
+    if (corner_taken_[corner] || bits >= best_distance) return;
+    best = corner;
+    best_distance = bits;
+  });
+  return best;
+}
+
+// Looks for a point where a pose sees it.
+template <typename Differing>
+void PlaceMatcher::look_for(const Map& map, int track, const Rigid3& rig_from_world, int most,
+                            const Differing& differing) {
+  if (track < 0 || track_taken_[track] || !map.tracks[track].triangulated) return;
+  const Eigen::Vector3d point = rig_from_world * map.tracks[track].position;
+  int best = -1, best_distance = most + 1;
+  for (int c = 0; c < rig_.size(); ++c) {
+    Eigen::Vector2d pixel;
+    if (!rig_.see(c, rig_.cam_from_rig(c) * point, &pixel)) continue;
+    const ImageCell cell = cell_of(rig_, c, pixel.cast<float>());
+    search_.looked_for.insert(cell);
+    for (int side = 0; side < 4; ++side) {
+      const double far = kAside * kGuideShare * rig_.camera(c).width * (side % 2 == 0 ? 1 : -1);
+      const Eigen::Vector2d aside = pixel + (side < 2 ? Eigen::Vector2d(far, 0) : Eigen::Vector2d(0, far));
+      if (nearest_corner(c, aside, most, differing) >= 0) search_.aside[side].insert(cell);
     }
-    if (best < 0) continue;
-    corner_taken_[best] = track_taken_[track] = 1;
-    matches_.push_back({best, track});
+    const int corner = nearest_corner(c, pixel, most, differing);
+    if (corner < 0 || differing(corner) >= best_distance) continue;
+    best = corner;
+    best_distance = differing(corner);
   }
+  if (best < 0) return;
+  corner_taken_[best] = track_taken_[track] = 1;
+  matches_.push_back({best, track});
+}
+
+// The points of the place and of those beside it.
+void PlaceMatcher::look_about(const DescribedCorners& seen, const Map& map, int keyframe,
+                              const Rigid3& rig_from_world) {
+  begin_to_look(seen, map);
+  for (const int n : described_about(map, keyframe)) {
+    const MapKeyFrame& k = map.keyframes[n];
+    for (size_t i = 0; i < k.described.size(); ++i) {
+      look_for(map, k.tracks[k.described[i]], rig_from_world, kMostDifferent,
+               [&](int corner) { return distance(seen.descriptors[corner], k.descriptors[i]); });
+    }
+  }
+}
+
+void PlaceMatcher::look_about(const DescribedCorners& seen, const Map& map, const TrackEnd& end,
+                              const Rigid3& rig_from_world) {
+  begin_to_look(seen, map);
+  for (size_t i = 0; i < end.corners.size(); ++i) {
+    look_for(map, end.corners[i].track, rig_from_world, kMostDifferentUpright,
+             [&](int corner) { return least_distance(seen.upright[corner], end.upright[i]); });
+  }
+}
+
+std::set<ImageCell> PlaceMatcher::cells_of_matches(const DescribedCorners& seen) const {
+  std::set<ImageCell> cells;
+  for (const CornerOfTrack& m : matches_) {
+    const TrackPixel& corner = seen.corners[m.corner];
+    cells.insert(cell_of(rig_, corner.camera, corner.pixel));
+  }
+  return cells;
 }
 
 // Of the matches that agree, among `matched` that were made without knowing where to look.
 double PlaceMatcher::log10_false_alarms(const DescribedCorners& seen, int matched) const {
-  std::set<PerCamera> cells;
   double chance = 0;
   for (const CornerOfTrack& m : matches_) {
     const TrackPixel& corner = seen.corners[m.corner];
     const Camera& camera = rig_.camera(corner.camera);
-    const float side = static_cast<float>(camera.width) / kCellsAcross;
-    cells.insert({corner.camera, static_cast<int>(corner.pixel.x() / side),
-                  static_cast<int>(corner.pixel.y() / side)});
     const double radius = kCornerError * octave_side(corner.octave);
     chance += kClustering * std::numbers::pi * radius * radius / (double(camera.width) * camera.height);
   }
-  const auto agreeing = static_cast<int>(cells.size());
+  const auto agreeing = static_cast<int>(cells_of_matches(seen).size());
   return log10_chance_poses(matched, agreeing, std::min(0.5, chance / static_cast<double>(matches_.size())));
+}
+
+// Of the cells where points were looked for, all but those that the pose is from: how likely it is that
+// points are found in so many where a pose is wrong. They would be found as often as aside, where they are
+// not.
+double PlaceMatcher::log10_found_by_chance(const std::set<ImageCell>& known,
+                                           const std::set<ImageCell>& found) const {
+  const auto news_in = [&](const std::set<ImageCell>& cells) {
+    return static_cast<int>(
+        std::ranges::count_if(cells, [&](const ImageCell& c) { return !known.contains(c); }));
+  };
+  const int looked_for = news_in(search_.looked_for);
+  const int found_there = std::min(news_in(found), looked_for);
+  int found_aside = 1;  // never is it nothing
+  for (const std::set<ImageCell>& side : search_.aside) found_aside += news_in(side);
+  const double chance = found_aside / (4.0 * looked_for);
+  if (found_there <= chance * looked_for) return 0;
+  return std::min(0.0, log10_choose(looked_for, found_there) + found_there * std::log10(chance));
 }
 
 std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& seen, const Map& map,
                                                        int keyframe, uint64_t seed, uint64_t stream) {
   match(seen, map, keyframe);
+  std::optional<RecognisedPlace> place =
+      find_pose(seen, map, seed, stream,
+                [&](const Rigid3& rig_from_world) { look_about(seen, map, keyframe, rig_from_world); });
+  if (place) place->keyframe = keyframe;
+  return place;
+}
+
+std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& seen, const Map& map,
+                                                       const TrackEnd& end, uint64_t seed, uint64_t stream) {
+  match(seen, map, end);
+  std::set<ImageCell> known;
+  std::optional<RecognisedPlace> place =
+      find_pose(seen, map, seed, stream, [&](const Rigid3& rig_from_world) {
+        known = cells_of_matches(seen);
+        look_about(seen, map, end, rig_from_world);
+      });
+  if (!place) return std::nullopt;
+  place->keyframe = end.keyframe;
+  place->log10_false_alarms += log10_found_by_chance(known, cells_of_matches(seen));
+  return place;
+}
+
+// From the matches; `look_about` makes more of them once there is a first pose.
+template <typename LookAbout>
+std::optional<RecognisedPlace> PlaceMatcher::find_pose(const DescribedCorners& seen, const Map& map,
+                                                       uint64_t seed, uint64_t stream,
+                                                       const LookAbout& look_about) {
   const auto matched = static_cast<int>(matches_.size());
   if (matched < kMinMatches) return std::nullopt;
   const PoseOptions options{
@@ -196,10 +305,9 @@ std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& s
   std::vector<CornerOfTrack> others = keep_inliers();
   if (has_rival(seen, map, options, std::move(others))) return std::nullopt;
   RecognisedPlace place;
-  place.keyframe = keyframe;
   place.log10_false_alarms = log10_false_alarms(seen, matched);
 
-  match_about(seen, map, keyframe, estimate_.rig_from_world);
+  look_about(estimate_.rig_from_world);
   const PoseObservations all = observations(seen, map);
   estimate_.inlier.assign(matches_.size(), 1);
   estimator_.refine(rig_.rig(), all, options, &estimate_);

@@ -86,6 +86,40 @@ TEST_F(PlaceMatcherTest, KnowsAPlaceHoweverTheCameraIsTurned) {
   }
 }
 
+// From far aside, by what is upright, where what turns with the picture tells too little.
+TEST_F(PlaceMatcherTest, KnowsWhereTrackEndedFromAside) {
+  const Rigid3 here = true_pose(truth_.rig, 1);
+  const Eigen::Vector3d middle(0, 0, 4.5);
+  const auto aside = [&](double angle) {
+    const Eigen::Quaterniond turn = exp_so3({0, angle, 0});
+    return here * Rigid3{turn, middle - turn * middle};
+  };
+  const MapKeyFrame& k = truth_.map.keyframes[1];
+  DescribedCorners last;
+  for (int f = 0; f < k.size(); ++f)
+    last.corners.push_back({k.tracks[f], k.cameras[f], k.octaves[f], k.pixels[f]});
+  describe_upright(*truth_.views[1].view, describer_, &last);
+  const TrackEnd end{0, 1, last.corners, last.upright};
+  int by_turning = 0, by_upright = 0;
+  for (const double angle : {-0.8, -0.7, -0.6, 0.6, 0.7, 0.8}) {
+    const ViewPtr view = view_from(aside(angle));
+    DescribedCorners seen = describe_corners(*view, describer_);
+    describe_upright(*view, describer_, &seen);
+    const auto significant = [](const std::optional<RecognisedPlace>& p) {
+      return p && p->log10_false_alarms < -20;
+    };
+    by_turning += significant(recognise(seen));
+    const auto place = matcher_.recognise(seen, truth_.map, end, 1, 2);
+    if (!significant(place)) continue;
+    ++by_upright;
+    EXPECT_EQ(place->keyframe, 1);
+    expect_pose(*place, aside(angle), 0.1, 1);
+    EXPECT_GT(right(*place, seen, aside(angle)), 0.9 * static_cast<double>(place->matches.size()));
+  }
+  EXPECT_GE(by_upright, 5);
+  EXPECT_LE(by_turning, 2);
+}
+
 // The rays of the same camera instead of its pixels.
 TEST_F(PlaceMatcherTest, KnowsAPlaceByAngles) {
   const TrackingRig angular(truth_.rig.rig(), ErrorMeasure::kAngular);

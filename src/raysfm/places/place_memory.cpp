@@ -15,6 +15,7 @@ constexpr int kMostLookedAt = 3;
 constexpr double kProminent = 4;
 // Logarithm to base 10 of the false alarms of a place that is believed when it fits what is known.
 constexpr double kSignificant = -20;
+constexpr size_t kMostEnds = 4;  // 80 KB each
 // The same place: parts of the distance to the points, radians.
 constexpr double kSamePlaceShift = 0.1, kSamePlaceTurn = 0.1;
 
@@ -82,7 +83,9 @@ std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps
   const DescribedCorners seen = described_corners(keyframe);
   std::vector<Meeting> meetings;
   for (const PlaceVotes& v : likely) {
-    if (auto meeting = compare(here, seen, places_[v.place], worlds)) meetings.push_back(*std::move(meeting));
+    const PlaceRef& there = places_[v.place];
+    auto meeting = compare(here, seen, there, recognise(seen, worlds, there, keyframe.frame), worlds);
+    if (meeting) meetings.push_back(*std::move(meeting));
   }
   if (meetings.empty()) return std::nullopt;
   const auto best = std::ranges::max_element(
@@ -99,16 +102,37 @@ std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps
   return std::move(*best);
 }
 
+// What was recognised, if anything was, where the points of both worlds agree with it.
 std::optional<Meeting> PlaceMemory::compare(const PlaceRef& here, const DescribedCorners& seen,
-                                            const PlaceRef& there, WorldMaps worlds) {
+                                            const PlaceRef& there, std::optional<RecognisedPlace> place,
+                                            WorldMaps worlds) {
   const Map &map_here = *worlds[here.world], &map_there = *worlds[there.world];
-  const int frame = map_here.keyframes[here.keyframe].frame;
-  std::optional<RecognisedPlace> place = recognise(seen, worlds, there, frame);
   if (!place || place->log10_false_alarms > kSignificant) return std::nullopt;
   std::optional<WorldRelation> relation = relate_worlds(rig_, map_here, here.keyframe, seen, map_there,
                                                         *place, has_same_scale(rig_, map_here, map_there));
   if (!relation) return std::nullopt;
   return Meeting{here, there, *std::move(place), *std::move(relation)};
+}
+
+void PlaceMemory::add_end(TrackEnd end) {
+  ends_.push_back(std::move(end));
+  if (ends_.size() > kMostEnds) ends_.pop_front();
+}
+
+bool PlaceMemory::has_end_outside(int world) const {
+  return std::ranges::any_of(ends_, [&](const TrackEnd& end) { return end.world != world; });
+}
+
+std::optional<Meeting> PlaceMemory::meet_end(const PlaceRef& here, const DescribedCorners& seen,
+                                             WorldMaps worlds) {
+  const auto frame = static_cast<uint64_t>(worlds[here.world]->keyframes[here.keyframe].frame);
+  for (auto end = ends_.rbegin(); end != ends_.rend(); ++end) {
+    if (end->world == here.world) continue;
+    auto place = matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame);
+    auto meeting = compare(here, seen, {end->world, end->keyframe}, std::move(place), worlds);
+    if (meeting) return meeting;
+  }
+  return std::nullopt;
 }
 
 bool PlaceMemory::is_confirmed(const Meeting& meeting, WorldMaps worlds) {
@@ -118,14 +142,21 @@ bool PlaceMemory::is_confirmed(const Meeting& meeting, WorldMaps worlds) {
 }
 
 void PlaceMemory::renumber(const JoinedWorlds& joined) {
-  renumber(joined.first, joined.first, joined.numbers.keyframe_of_first);
-  renumber(joined.second, joined.first, joined.numbers.keyframe_of_second);
+  renumber(joined.first, joined.first, joined.numbers.keyframe_of_first, 0);
+  renumber(joined.second, joined.first, joined.numbers.keyframe_of_second,
+           joined.numbers.first_track_of_second);
   hearsay_.reset();
 }
 
-void PlaceMemory::renumber(int world, int into, std::span<const int> keyframes) {
+void PlaceMemory::renumber(int world, int into, std::span<const int> keyframes, int first_track) {
   for (PlaceRef& place : places_) {
     if (place.world == world) place = {into, keyframes[place.keyframe]};
+  }
+  for (TrackEnd& end : ends_) {
+    if (end.world != world) continue;
+    end.world = into;
+    end.keyframe = keyframes[end.keyframe];
+    for (TrackPixel& corner : end.corners) corner.track += first_track;
   }
 }
 
@@ -137,14 +168,25 @@ void PlaceMemory::drop(int world, std::span<const uint8_t> is_known, std::span<c
     stays.push_back(place.world != world || k >= is_known.size() || !is_known[k]);
     if (stays.back()) staying.push_back(place);
   }
+  std::erase_if(ends_, [&](const TrackEnd& end) {
+    return end.world == world && end.keyframe < std::ssize(is_known) && is_known[end.keyframe];
+  });
   if (staying.size() < places_.size()) index_.keep(stays);
   places_ = std::move(staying);
-  renumber(world, world, keyframe_now);
+  renumber(world, world, keyframe_now, 0);
+}
+
+void PlaceMemory::rename_tracks(int world, std::span<const int> track_now) {
+  for (TrackEnd& end : ends_) {
+    if (end.world != world) continue;
+    for (TrackPixel& corner : end.corners) corner.track = track_now[corner.track];
+  }
 }
 
 void PlaceMemory::forget() {
   index_ = {};
   places_ = std::vector<PlaceRef>();
+  ends_.clear();
   hearsay_.reset();
 }
 

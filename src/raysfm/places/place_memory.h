@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <optional>
 #include <span>
@@ -17,6 +18,10 @@ constexpr double kCertainPlace = -40;
 template <typename A>
 void archive_fields(A& a, RecognisedPlace& x) {
   archive(a, x.keyframe, x.rig_from_world, x.covariance, x.matches, x.log10_false_alarms);
+}
+template <typename A>
+void archive_fields(A& a, TrackEnd& x) {
+  archive(a, x.world, x.keyframe, x.corners, x.upright);
 }
 template <typename A>
 void archive_fields(A& a, WorldRelation& x) {
@@ -53,11 +58,21 @@ class PlaceMemory {
   std::optional<Meeting> meet(const PlaceRef& here, WorldMaps worlds,
                               const std::function<bool(int)>& at_hand);
 
+  // Where track ended: near a place, with what was seen there last of the points of its world. The newest few
+  // are kept.
+  void add_end(TrackEnd end);
+  bool has_end_outside(int world) const;
+  // Whether the upright corners of a key frame show where track ended in another world, of which few are
+  // asked: as sure as a place of its own world is.
+  std::optional<Meeting> meet_end(const PlaceRef& here, const DescribedCorners& seen, WorldMaps worlds);
+
   // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.
   bool is_confirmed(const Meeting& meeting, WorldMaps worlds);
 
   // After join_worlds().
   void renumber(const JoinedWorlds& joined);
+  // After fuse_points() in a world, which returned this.
+  void rename_tracks(int world, std::span<const int> track_now);
 
   // After drop_keyframes() of a world: places of key frames that stand for nothing new (1; by their old
   // number, shorter: the rest does) are forgotten. `keyframe_now` is what it returned.
@@ -68,21 +83,22 @@ class PlaceMemory {
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, index_, places_, hearsay_);
+    raysfm::archive(a, index_, places_, ends_, hearsay_);
   }
 
  private:
-  void renumber(int world, int into, std::span<const int> keyframes);
+  void renumber(int world, int into, std::span<const int> keyframes, int first_track);
   std::vector<PlaceVotes> likely_places(const PlaceRef& here, const Map& map,
                                         const std::function<bool(int)>& at_hand) const;
   std::optional<Meeting> look_closely(const PlaceRef& here, WorldMaps worlds,
                                       const std::vector<PlaceVotes>& likely);
   std::optional<Meeting> compare(const PlaceRef& here, const DescribedCorners& seen, const PlaceRef& there,
-                                 WorldMaps worlds);
+                                 std::optional<RecognisedPlace> place, WorldMaps worlds);
 
   PlaceMatcher matcher_;
   PlaceIndex index_;
   std::vector<PlaceRef> places_;    // by their number in the index
+  std::deque<TrackEnd> ends_;       // oldest first
   std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
   const TrackingRig& rig_;
   uint64_t seed_;

@@ -70,6 +70,7 @@ struct RealView {
   int sequence = 0;
   DescribedCorners seen;
   Map map;
+  TrackEnd end;  // of it
 };
 
 // Corners at distances that go up and down over the image, as those of surfaces do.
@@ -94,6 +95,19 @@ Map map_of(const View& view, const DescribedCorners& corners, const Camera& came
   return map;
 }
 
+// All its corners, as if those of several key frames had been taken together.
+TrackEnd end_of(const Map& map, const DescribedCorners& corners) {
+  TrackEnd end;
+  const MapKeyFrame& k = map.keyframes[0];
+  size_t i = 0;
+  for (int f = 0; f < k.size(); ++f, ++i) {
+    while (corners.corners[i].pixel != k.pixels[f] || corners.corners[i].octave != k.octaves[f]) ++i;
+    end.corners.push_back({k.tracks[f], k.cameras[f], k.octaves[f], k.pixels[f]});
+    end.upright.push_back(corners.upright[i]);
+  }
+  return end;
+}
+
 // Every `step`-th of the first frames of a sequence.
 void add_views(const std::filesystem::path& folder, int sequence, int count, int step,
                std::vector<RealView>* views, std::vector<Rig>* rigs) {
@@ -115,7 +129,9 @@ void add_views(const std::filesystem::path& folder, int sequence, int count, int
     RealView& v = views->emplace_back();
     v.sequence = sequence;
     v.seen = describe_corners(view, describer);
+    describe_upright(view, describer, &v.seen);
     v.map = map_of(view, v.seen, rigs->back().cameras[0]);
+    v.end = end_of(v.map, v.seen);
   }
 }
 
@@ -140,19 +156,22 @@ class RealPlaces : public testing::Test {
 };
 
 TEST_F(RealPlaces, AreNotTakenForOneAnother) {
-  Tally tally;
+  Tally tally, of_ends;
   for (size_t r = 0; r < rigs_.size(); ++r) {
     const TrackingRig rig(rigs_[r]);
     PlaceMatcher matcher(rig);
     for (const RealView& here : views_) {
       if (here.sequence != static_cast<int>(r)) continue;
       for (const RealView& there : views_) {
-        if (there.sequence != here.sequence) tally.add(matcher.recognise(here.seen, there.map, 0, 1, 1));
+        if (there.sequence == here.sequence) continue;
+        tally.add(matcher.recognise(here.seen, there.map, 0, 1, 1));
+        of_ends.add(matcher.recognise(here.seen, there.map, there.end, 1, 1));
       }
     }
   }
   EXPECT_GT(tally.pairs, 2000);
   tally.expect_none_is_near();
+  of_ends.expect_none_is_near();
 }
 
 // Every corner looks like one of the key frame, but like another one than that which is there: all matches
@@ -169,6 +188,11 @@ TEST_F(RealPlaces, AreNotKnownByMatchesThatAreAllWrong) {
         std::swap(descriptors[i], descriptors[rng.index(static_cast<uint32_t>(i + 1))]);
       }
       tally.add(matcher.recognise(view.seen, view.map, 0, 1, static_cast<uint64_t>(trial)));
+      std::vector<UprightDescriptor>& upright = view.seen.upright;
+      for (size_t i = upright.size() - 1; i > 0; --i) {
+        std::swap(upright[i], upright[rng.index(static_cast<uint32_t>(i + 1))]);
+      }
+      tally.add(matcher.recognise(view.seen, view.map, view.end, 1, static_cast<uint64_t>(trial)));
     }
   }
   EXPECT_GT(tally.pairs, 200);
