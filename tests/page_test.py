@@ -81,7 +81,7 @@ class Page(ProgramTest):
         self.refused("view", OUT, "--html", self.folder / "no/page.html", says=["no/page.html"])
         for port in ("0", "65536", "street.mp4", ":80", "1.2.3:"):
             self.refused("view", OUT, "--port", port, says=["--port", port, "1 to 65535"])
-            self.refused("track", STREET, "--out", self.folder / "out", f"--view={port}", says=["--view", port])
+            self.refused("track", STREET, "--out", self.folder / "out", f"--view={port}", says=["--view", port, "1 to 65535"])
         self.assertFalse((self.folder / "out").exists())
 
     @NEEDS_BROWSER
