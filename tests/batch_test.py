@@ -6,6 +6,7 @@ import pathlib
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 import unittest
@@ -343,6 +344,24 @@ class Clusters(BatchTest):
         done = self.batch("--summary")
         self.assertEqual(done.returncode, 0, done.stdout)
         self.assert_all_as_alone()
+
+    def test_daemons_of_slurm_end_with_what_started_them(self):
+        if reason := slurm_node.missing():
+            self.skipTest(reason)
+        code = ("import pathlib, slurm_node, sys\n"
+                "with slurm_node.SlurmNode(pathlib.Path(sys.argv[1])): print('ready', flush=True); sys.stdin.read()\n")
+        for number, how in enumerate((signal.SIGTERM, signal.SIGKILL)):
+            folder = self.folder / str(number)
+            folder.mkdir()
+            with subprocess.Popen([sys.executable, "-c", code, folder], cwd=pathlib.Path(__file__).parent, stdin=subprocess.PIPE,
+                                  stdout=subprocess.PIPE, text=True) as running:
+                self.assertEqual(running.stdout.readline(), "ready\n")
+                daemons = [int((folder / f"{name}.pid").read_text()) for name in ("munged", "slurmctld", "slurmd")]
+                running.send_signal(how)
+            deadline = time.monotonic() + 10
+            while (left := [d for d in daemons if pathlib.Path(f"/proc/{d}/exe").exists()]) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            self.assertEqual(left, [])
 
     def test_dask(self):
         if subprocess.run([SYSTEM_PYTHON, "-c", "import dask.distributed"], capture_output=True).returncode != 0:

@@ -85,8 +85,26 @@ class ReadByColmap(ExportTest):
             self.assertEqual(len(list(model.iterdir())), 3)
             found = self.analyzed(model)
             self.assertEqual((int(found["Cameras"]), int(found["Registered images"])), (1, keyframes))
-            self.assertEqual(int(found["Points"]), report["worlds"][0]["points"])
+            points = report["worlds"][0]["points"]
+            if "--undistort" in arguments:
+                self.assertIn(int(found["Points"]), range(points * 8 // 10, points + 1))
+            else:
+                self.assertEqual(int(found["Points"]), points)
             self.assertLess(float(found["Mean reprojection error"][:-2]), 1)
+
+    def test_colmap_sees_the_points_where_they_were(self):
+        """By its own projection: the cost with which its adjustment begins, half the root of the mean square."""
+        report = json.loads((OUT / "report.json").read_text())
+        for arguments in ([], ["--text"], ["--undistort"]):
+            model = self.export("--format", "colmap", *arguments) / "sparse/0"
+            (self.folder / "adjusted").mkdir(exist_ok=True)
+            done = subprocess.run(["colmap", "bundle_adjuster", "--input_path", model, "--output_path", self.folder / "adjusted",
+                                   "--BundleAdjustment.max_num_iterations", "0"], capture_output=True, text=True, timeout=60, check=True)
+            cost = re.search(r"Initial cost : ([\d.]+) \[px\]", done.stdout + done.stderr)
+            self.assertTrue(cost, done.stdout + done.stderr)
+            # Undistorted, pixels are of another size.
+            delta = 0.05 * report["rms_reprojection_px"] if "--undistort" in arguments else 1e-4
+            self.assertAlmostEqual(2 * float(cost.group(1)), report["rms_reprojection_px"], delta=delta)
 
     def test_colmap_writes_the_same_model(self):
         model = self.export("--format", "colmap") / "sparse/0"
@@ -134,6 +152,7 @@ class RunInBlender(ExportTest):
         self.assertGreater(up[2], 0.9)  # the drive is level: z is up
         observed = sorted(read_images_bin(OUT / "sparse/images.bin").items())
         errors = []
+        self.assertEqual(len(observed), len(seen))
         for (_, keypoints), pixels in zip(observed, seen):
             for x, y, point in keypoints:
                 u, v, depth = pixels[point - 1]

@@ -41,7 +41,8 @@ class Options(ProgramTest):
             done = subprocess.run(["man", "--warnings", "--encoding", "UTF-8", "--local-file", path], text=True, capture_output=True,
                                   env={"PATH": "/usr/bin:/bin", "MANWIDTH": "100", "LC_ALL": "C.UTF-8"})
             self.assertEqual((done.returncode, done.stderr), (0, ""))
-            self.assertIn("--refine-lens auto|on|off", done.stdout)
+            for shown in ("--refine-lens auto|on|off", "--view [[ADDRESS:]PORT]", "--port [ADDRESS:]PORT", "--jobs INT\n"):
+                self.assertIn(shown, done.stdout)
 
     def completed(self, *words):
         """What bash offers for the last of the words."""

@@ -1,5 +1,5 @@
 // Opens a page in a browser and tells what it saw, as one JSON object that page_browser_test.py judges:
-// page_browser_check.mjs VIEWER CHROMIUM large|keys|narrow|words PAGE.html
+// page_browser_check.mjs VIEWER CHROMIUM large|keys|narrow|words|speed PAGE.html
 import { pathToFileURL } from "node:url";
 import { launchBrowser } from "../scripts/browser.mjs";
 
@@ -205,6 +205,44 @@ async function words() {
   seen.detect = Number(detect[0]) * (detect[1] === "s" ? 1000 : 1);
 }
 
-await { large, keys, narrow: onATelephone, words }[what]();
+// Seconds from when the page was asked for until the map is seen, and pictures a second while a hand turns it, once what is drawn has found its size.
+async function speed() {
+  await page.addInitScript(() => {
+    const { drawArrays } = WebGL2RenderingContext.prototype;
+    WebGL2RenderingContext.prototype.drawArrays = function (kind, ...rest) {
+      drawArrays.call(this, kind, ...rest);
+      if (kind !== this.POINTS || window.seconds) return;
+      this.finish();
+      window.seconds = performance.now() / 1000;
+    };
+  });
+  await open();
+  seen.seconds = await page.evaluate(() => window.seconds);
+  await page.waitForFunction(() => document.querySelectorAll(".plot canvas").length === 4);
+  await page.evaluate(() => {
+    const { view } = window.page, draw = view.draw.bind(view);
+    window.pictures = [];
+    view.draw = (now) => {
+      const drawn = draw(now);
+      if (drawn) view.renderer.getContext().finish(), window.pictures.push(performance.now());
+      return drawn;
+    };
+  });
+  const { x, y, width, height } = await page.locator("#canvas").boundingBox();
+  await page.mouse.move(x + width / 2, y + height / 2);
+  await page.mouse.down();
+  const start = Date.now();
+  for (let k = 0; Date.now() - start < 6000; ++k) {
+    await page.mouse.move(x + width / 2 + 200 * Math.sin(k / 40), y + height / 2 + 20 * Math.cos(k / 40));
+    await new Promise((done) => setTimeout(done, 12));
+  }
+  await page.mouse.up();
+  seen.rate = await page.evaluate(() => {
+    const last = window.pictures.at(-1), kept = window.pictures.filter((time) => time > last - 4000);
+    return (1000 * (kept.length - 1)) / (last - kept[0]);
+  });
+}
+
+await { large, keys, narrow: onATelephone, words, speed }[what]();
 await browser.close();
 console.log(JSON.stringify(seen));

@@ -4,6 +4,7 @@ import array
 import base64
 import json
 import math
+import os
 import pathlib
 import random
 import re
@@ -117,6 +118,13 @@ class InABrowser(ProgramTest):
         # Another world: its own frames in the charts, and what was on or had the focus still is and has it.
         self.assertEqual(seen["ranges"], [[0, POSES - 1], [POSES, POSES + FEW - 1]])
         self.assertEqual((seen["followed"], seen["focused"]), (True, "world"))
+
+    @unittest.skipUnless(os.environ.get("RAYSFM_TEST_SPEED"), "takes a machine with nothing else to do: RAYSFM_TEST_SPEED=1 asks for it")
+    def test_a_large_map_is_fast(self):
+        seen = self.look("speed", self.file("large.html", large_page((OUT / "report.html").read_text())))
+        print(f"first picture after {seen['seconds']:.2f} s, then {seen['rate']:.1f} a second")
+        self.assertLess(seen["seconds"], 2)
+        self.assertGreater(seen["rate"], 15)
 
     def test_without_a_mouse(self):
         seen = self.look("keys", OUT / "report.html")

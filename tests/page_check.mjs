@@ -49,6 +49,15 @@ await page.locator("#slider").fill(from);
 seen.scrubbed = { now: await text("#now"), ...(await drawn()) };
 await page.locator("#slider").fill(to);
 seen.further = { now: await text("#now"), ...(await drawn()) };
+// What charts say of a frame between key frames.
+seen.between = await page.evaluate((last) => {
+  const { data, seek } = window.page, [world] = data.worlds, { keyframes } = world;
+  let frame = last;
+  while (world.at[frame] < 0 || world.keyframeAt[frame] >= 0) --frame;
+  seek(frame);
+  const before = [...keyframes.frame].filter((i) => world.index[i] < frame).length - 1;
+  return { points: keyframes.seen[before], texts: [...document.querySelectorAll(".plot output")].map((e) => e.textContent) };
+}, Number(to));
 await page.locator("#slider").fill(missing);
 seen.missing = { now: await text("#now"), list: await text("#missing") };
 await page.locator("#canvas").focus().catch(() => {});

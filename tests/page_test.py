@@ -81,7 +81,7 @@ class Page(ProgramTest):
         self.refused("view", OUT, "--html", self.folder / "no/page.html", says=["no/page.html"])
         for port in ("0", "65536", "street.mp4", ":80", "1.2.3:"):
             self.refused("view", OUT, "--port", port, says=["--port", port, "1 to 65535"])
-            self.refused("track", STREET, "--out", self.folder / "out", f"--view={port}", says=["--view", port])
+            self.refused("track", STREET, "--out", self.folder / "out", f"--view={port}", says=["--view", port, "1 to 65535"])
         self.assertFalse((self.folder / "out").exists())
 
     @NEEDS_BROWSER
@@ -101,6 +101,8 @@ class Page(ProgramTest):
         self.assertTrue(seen["scrubbed"]["now"].startswith(f"frame {FROM} · {FROM / 7.5:.3f} s"), seen["scrubbed"])
         self.assertTrue(seen["further"]["now"].startswith(f"frame {TO} "), seen["further"])
         self.assertNotEqual(seen["scrubbed"]["sum"], seen["further"]["sum"])
+        self.assertNotIn("", seen["between"]["texts"])
+        self.assertEqual(seen["between"]["texts"][2], str(seen["between"]["points"]))
         reason = json.loads((OUT / "report.json").read_text())["frames"]["without_pose"][0]["reason"]
         self.assertEqual(seen["missing"]["now"], f"frame {BLACK[0]} · no pose: {reason}")
         self.assertIn(f"{BLACK[0]}", seen["missing"]["list"])
@@ -237,7 +239,7 @@ class Served(ProgramTest):
         self.assertEqual(seen["size"], [512, 384])
         self.assertGreater(seen["drawn"], 50)
         self.assertGreater(seen["green"] + seen["blue"], 200)
-        self.assertNotEqual(seen["note"], "")
+        self.assertRegex(seen["note"], rf"^frame {FROM}: \d+ points")
 
     def test_a_watched_run_has_the_same_bytes(self):
         """Somebody listens, and somebody else asks for a page and never takes it."""

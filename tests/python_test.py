@@ -20,6 +20,7 @@ import numpy
 import raysfm
 
 import adjust_test
+import program
 import solve_test
 from program import ProgramTest, main, run
 
@@ -464,6 +465,23 @@ class Others(PythonTest):
         done = subprocess.run([sys.executable, ROOT / "examples/plot_trajectory.py", self.folder, pictures[0]], text=True,
                               capture_output=True, env={**os.environ, "PYTHONPATH": PACKAGE})
         self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1), done.stderr)
+
+    @unittest.skipUnless((SHARED / "redkitchen-handheld").is_dir(), "no shared data")
+    def test_what_a_frame_frees_is_kept_for_the_next(self):
+        """Pages that are brought in anew are time that the program does not spend."""
+        kitchen, code = SHARED / "redkitchen-handheld", ("import raysfm, sys\n"
+                                                         "tracker = raysfm.Tracker(raysfm.load_cameras(sys.argv[1] + '/camera.yaml'))\n"
+                                                         "for view in tracker.views(sys.argv[1]): tracker.push(view)\n"
+                                                         "tracker.finish().write(sys.argv[2])\n")
+
+        def faults(*command):
+            running = subprocess.Popen([*map(str, command)], env={**os.environ, "PYTHONPATH": PACKAGE}, stdout=subprocess.DEVNULL)
+            _, status, used = os.wait4(running.pid, 0)
+            running.returncode = os.waitstatus_to_exitcode(status)
+            self.assertEqual(running.returncode, 0)
+            return used.ru_minflt
+        programs = faults(program.PROGRAM, "track", kitchen, "--out", self.folder / "program", "--quiet")
+        self.assertLess(faults(sys.executable, "-c", code, kitchen, self.folder / "python"), 1.2 * programs)
 
     # numpy takes longer to load than the rest: who needs no array does not wait for it.
     def test_a_file_is_tracked_without_numpy(self):

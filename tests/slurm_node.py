@@ -1,4 +1,5 @@
 """Slurm on this machine alone: its daemons with files of their own in a folder, started and ended again."""
+import ctypes
 import os
 import shutil
 import signal
@@ -44,6 +45,14 @@ def free_port():
         return probe.getsockname()[1]
 
 
+PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
+
+
+def end_with_parent():
+    """A daemon ends with the program that started it, whatever ends that."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 class SlurmNode:
     """Runs while a `with` lasts; `environment` is that of programs that submit to it. OSError where a daemon does not start."""
 
@@ -63,36 +72,39 @@ class SlurmNode:
         (here / "slurm.conf").write_text(
             CONFIGURATION.format(folder=here, ports=(free_port(), free_port()), processors=os.cpu_count()))
         try:
-            self._start("munged", "--force", f"--key-file={key}", f"--socket={here}/munge.socket", f"--pid-file={here}/munged.pid",
-                        f"--log-file={here}/munged.log", f"--seed-file={here}/munged.seed")
-            self._start("slurmctld")
-            self._start("slurmd", "-N", "localhost")
+            self._start("munged", "--foreground", "--force", f"--key-file={key}", f"--socket={here}/munge.socket",
+                        f"--pid-file={here}/munged.pid", f"--log-file={here}/munged.log", f"--seed-file={here}/munged.seed")
+            self._wait_for(["munge", "--no-input", f"--socket={here}/munge.socket"], "munged")
+            self._start("slurmctld", "-D")
+            self._start("slurmd", "-D", "-N", "localhost")
+            self._wait_for(["sinfo", "--noheader", "--states=idle", "--format=%t"], "slurmctld", "idle")
         except OSError:
             self.__exit__()
             raise
         return self
 
     def __exit__(self, *_):
-        for process in reversed(self._running):
+        for daemon in reversed(self._running):
+            daemon.terminate()
             try:
-                os.kill(process, signal.SIGTERM)
-                for _ in range(100):
-                    os.kill(process, 0)
-                    time.sleep(0.05)
-            except OSError:
-                pass
+                daemon.wait(5)
+            except subprocess.TimeoutExpired:
+                daemon.kill()
+                daemon.wait()
 
     def _start(self, *command):
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=self.environment)
-        if done.returncode != 0:
-            raise OSError(f"{command[0]}: {done.stdout}")
-        self._running.append(self._process_of(command[0]))
+        with open(self.folder / f"{command[0]}.out", "wb") as said:
+            self._running.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=self.environment,
+                                                  preexec_fn=end_with_parent))
 
-    def _process_of(self, name):
-        """The daemon writes its number once it has left the process that was started."""
+    def _wait_for(self, question, name, answer=""):
+        """Until it is answered."""
         for _ in range(200):
-            try:
-                return int((self.folder / f"{name}.pid").read_text())
-            except (OSError, ValueError):
-                time.sleep(0.05)
-        raise OSError(f"{name}: no number of a process")
+            done = subprocess.run(question, capture_output=True, text=True, env=self.environment)
+            if done.returncode == 0 and answer in done.stdout:
+                return
+            if ended := [daemon.args[0] for daemon in self._running if daemon.poll() is not None]:
+                name = ended[0]
+                break
+            time.sleep(0.05)
+        raise OSError(f"{name}: {(self.folder / f'{name}.out').read_text()}")

@@ -233,7 +233,9 @@ namespace {
 CLI::Validator an_address() {
   return {[](std::string& text) -> std::string {
             if (text.empty() || text == "true" || parse_server_address("", text)) return "";
-            return "'" + text + "' is not allowed, PORT or ADDRESS:PORT are; INPUT comes before the flag";
+            return "'" + text +
+                   "' is not allowed, PORT or ADDRESS:PORT are, a port from 1 to 65535; INPUT comes before "
+                   "the flag";
           },
           ""};
 }

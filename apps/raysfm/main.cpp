@@ -1,5 +1,3 @@
-#include <malloc.h>
-
 #include <charconv>
 #include <csignal>
 #include <cstdio>
@@ -13,6 +11,7 @@
 #include "build_facts.h"
 #include "commands.h"
 #include "options_text.h"
+#include "raysfm/core/heap.h"
 #include "raysfm/page/page.h"
 #include "raysfm/results/output_folder.h"
 #include "terminal.h"
@@ -122,12 +121,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // Large images come and go with every frame while small things stay: in one heap they would leave holes of
-  // their size, 400 MiB of them over 40 panoramas of 29 megapixels.
-  mallopt(M_MMAP_THRESHOLD, 4 << 20);
-  // What one frame frees the next one takes: given back to the system in between, its pages would have to be
-  // brought in anew. Of 3840 pixels across, half an image is 3 MiB.
-  mallopt(M_TRIM_THRESHOLD, 4 << 20);
+  raysfm::prepare_heap();
   // A limit of file sizes is an error of writing like a full disk.
   std::signal(SIGXFSZ, SIG_IGN);
   usual_end = std::set_terminate(on_terminate);

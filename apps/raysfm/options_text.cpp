@@ -58,7 +58,9 @@ std::string value_name(const CLI::Option& option) {
   const std::vector<std::string> allowed = allowed_of(option);
   if (!allowed.empty()) return fmt::format("{}", fmt::join(allowed, "|"));
   const std::string type = option.get_type_name();
-  return type.substr(0, type.find(':'));
+  size_t end = type.find(':');  // what CLI11 says of checks begins there, but in [ADDRESS:]PORT
+  while (end != std::string::npos && type[end + 1] == ']') end = type.find(':', end + 1);
+  return type.substr(0, end);
 }
 
 // Text as the formatter of manual pages takes it.

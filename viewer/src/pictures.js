@@ -53,12 +53,12 @@ export class Pictures {
     const [picture, features] = await Promise.all([fetch(`picture${where}`), fetch(`features${where}`)]);
     if (!picture.ok) return this.say(await picture.text());
     const bitmap = await createImageBitmap(await picture.blob());
-    this.draw(bitmap, features.ok ? await features.json() : { size: [bitmap.width, bitmap.height], tracks: [], seen: 0 });
+    this.draw(frame, bitmap, features.ok ? await features.json() : { size: [bitmap.width, bitmap.height], tracks: [], seen: 0 });
     bitmap.close();
   }
 
   // A line from where a point was in the frames before to where it is; discs where it was matched, rings where it is only expected.
-  draw(bitmap, { size = [0, 0], tracks = [], seen = 0, note }) {
+  draw(frame, bitmap, { size = [0, 0], tracks = [], seen = 0, note }) {
     const { canvas } = this, context = canvas.getContext("2d");
     canvas.hidden = false;
     [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
@@ -80,6 +80,6 @@ export class Pictures {
     });
     this.tracks = tracks.length;
     const words = seen > 0 ? `${seen} points matched in this key frame` : `${tracks.length} points of the map in sight`;
-    this.note.textContent = note ?? (tracks.length ? words : "");
+    this.note.textContent = note ?? `frame ${frame}${tracks.length ? `: ${words}` : ""}`;
   }
 }

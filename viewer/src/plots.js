@@ -129,8 +129,11 @@ export class Plots {
 
   seek(frame) {
     this.now = frame;
-    for (const { value, values, band, chart: drawn } of this.plots) {
-      const v = values[frame], half = band?.[frame];
+    for (const { value, values, joined, band, chart: drawn } of this.plots) {
+      // Between key frames: what the one before has.
+      let at = frame;
+      if (!joined) while (at > this.range[0] && values[at] === null) --at;
+      const v = values[at], half = band?.[at];
       value.textContent = v === null || v === undefined ? "" : digits(v) + (half ? ` ± ${digits(Number(half.toPrecision(2)))}` : "");
       drawn?.redraw(false, false);
     }

@@ -75,6 +75,25 @@ double median_distance(const ExportScene& scene, int camera) {
   return distances.empty() ? kFar : std::max(1e-9, median_of(&distances));
 }
 
+// COLMAP's adjustment ends where a point has one image: some lose theirs beyond the border of a pinhole.
+void leave_out_points_of_one_image(ExportScene* scene) {
+  std::vector<int> images(scene->points.size(), 0), number(scene->points.size(), -1);
+  for (const ExportImage& image : scene->images) {
+    for (const ExportKeypoint& k : image.keypoints) ++images[k.point];
+  }
+  std::vector<MapPoint> kept;
+  for (size_t p = 0; p < images.size(); ++p) {
+    if (images[p] < 2) continue;
+    number[p] = static_cast<int>(kept.size());
+    kept.push_back(std::move(scene->points[p]));
+  }
+  scene->points = std::move(kept);
+  for (ExportImage& image : scene->images) {
+    std::erase_if(image.keypoints, [&](const ExportKeypoint& k) { return number[k.point] < 0; });
+    for (ExportKeypoint& k : image.keypoints) k.point = number[k.point];
+  }
+}
+
 // Makes the new scene camera by camera, then image by image.
 class Undistorter {
  public:
@@ -118,7 +137,10 @@ class Undistorter {
     for (const ExportKeypoint& k : image.keypoints) add_keypoint(image, k, first);
   }
 
-  UndistortedScene take() { return std::move(to_); }
+  UndistortedScene take() {
+    leave_out_points_of_one_image(&to_.scene);
+    return std::move(to_);
+  }
 
  private:
   Rigid3 camera_from_face(int face) const {

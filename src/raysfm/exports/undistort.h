@@ -51,8 +51,9 @@ struct UndistortedScene {
 // Cameras that see no farther than 60 degrees off their axis become a pinhole each, of the same size and
 // focal length at the middle; others a cube of faces of 90 degrees, "front", "right", "back", "left", "down"
 // and "up", without those that see almost nothing. The images of a face stand in a folder of its name, in a
-// rig of several cameras "<camera>_<face>". Keypoints move along. Errors: bad input, where the size of the
-// images is not known or a camera sees nothing.
+// rig of several cameras "<camera>_<face>". Keypoints move along; points that fewer than two of the new
+// images see are left out. Errors: bad input, where the size of the images is not known or a camera sees
+// nothing.
 Result<UndistortedScene> undistort(const ExportScene& scene);
 
 }  // namespace raysfm

@@ -58,6 +58,21 @@ TEST(Undistort, ANarrowLensBecomesOnePinhole) {
   EXPECT_TRUE(bundler_holds(made.scene.cameras[0]).ok());
 }
 
+// The principal point is far to the left: the pinhole, whose own is in the middle, does not see what is at
+// the right.
+TEST(Undistort, PointsOfOneImageAreLeftOut) {
+  const Reconstruction world = small_reconstruction({Pinhole{500, 500, 119.5, 239.5}});
+  const UndistortedScene made = pinholes_of(world);
+  EXPECT_LT(made.scene.points.size(), world.points.size());
+  EXPECT_GT(made.scene.points.size(), 10u);
+  std::vector<int> images(made.scene.points.size(), 0);
+  for (const ExportImage& image : made.scene.images) {
+    for (const ExportKeypoint& k : image.keypoints) ++images.at(k.point);
+  }
+  for (const int count : images) EXPECT_GE(count, 2);
+  expect_points_where_pinholes_see_them(made.scene, 2 * made.scene.points.size());
+}
+
 TEST(Undistort, APanoramaBecomesACube) {
   Reconstruction world = small_reconstruction({Equirectangular::for_image(640, 480)});
   const UndistortedScene made = pinholes_of(world);

@@ -16,7 +16,10 @@ double tenths(double pixels) {
 }  // namespace
 
 FrameFeatures::FrameFeatures(const Reconstruction& reconstruction)
-    : r_(reconstruction), before_(r_.frames.size(), nullptr), after_(r_.frames.size(), nullptr) {
+    : r_(reconstruction),
+      finders_(r_.rig.cameras.begin(), r_.rig.cameras.end()),
+      before_(r_.frames.size(), nullptr),
+      after_(r_.frames.size(), nullptr) {
   for (const KeyFrame& keyframe : r_.keyframes) before_[keyframe.frame] = after_[keyframe.frame] = &keyframe;
   // Handed on from frame to frame of a world, whose frames may lie between those of others.
   const auto hand_on = [this](std::vector<const KeyFrame*>* keyframes, size_t f,
@@ -35,7 +38,9 @@ bool FrameFeatures::project(int frame, int camera, int point, Eigen::Vector2d* p
   const PosedFrame& posed = r_.frames[frame];
   const Camera& c = camera_of(r_, posed, camera);
   const Rigid3 cam_from_world = (*posed.world_from_rig * c.rig_from_cam).inverse();
-  return c.project(cam_from_world * r_.points[point].position, pixel) && c.contains(*pixel);
+  const Eigen::Vector3d in_cam = cam_from_world * r_.points[point].position;
+  const bool found = posed.lens >= 0 ? c.project(in_cam, pixel) : finders_[camera].find(in_cam, pixel);
+  return found && c.contains(*pixel);
 }
 
 std::vector<FrameFeatures::Feature> FrameFeatures::matched(const KeyFrame& keyframe, int camera) const {

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/camera/pixel_finder.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
@@ -32,6 +33,7 @@ class FrameFeatures {
   bool project(int frame, int camera, int point, Eigen::Vector2d* pixel) const;
 
   const Reconstruction& r_;
+  std::vector<PixelFinder> finders_;             // of the rig's cameras
   std::vector<const KeyFrame*> before_, after_;  // of each frame, in its world; null: none
 };
 

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "raysfm/camera/fit_ray_table.h"
 #include "support/small_reconstruction.h"
 
 namespace raysfm {
@@ -60,6 +61,25 @@ TEST(FrameFeatures, OtherFramesHaveWhatIsExpectedAndWhereItWas) {
   EXPECT_NEAR(track[3].get<double>(), pixel(3, r.points[which]).y(), 0.06);
   // Frame 5 has no pose: tracks of frame 6 do not reach behind it.
   for (const json& t : json::parse(FrameFeatures(r).json(6, 0))["tracks"]) EXPECT_EQ(t.size(), 2u);
+}
+
+// The rays of the same lens, without its formula.
+TEST(FrameFeatures, CamerasThatCannotProjectHaveWhatIsExpectedToo) {
+  Reconstruction r = small_reconstruction({kLens});
+  const json expected = json::parse(FrameFeatures(r).json(4, 0))["tracks"];
+  const Result<RayFit> fit = fit_ray_table(r.rig.cameras[0]);
+  ASSERT_TRUE(fit.ok());
+  r.rig.cameras[0].model = fit->camera.model;
+  Eigen::Vector2d pixel;
+  ASSERT_FALSE(r.rig.cameras[0].project({0, 0, 1}, &pixel));
+  const json found = json::parse(FrameFeatures(r).json(4, 0))["tracks"];
+  ASSERT_EQ(found.size(), expected.size());
+  for (size_t t = 0; t < found.size(); ++t) {
+    ASSERT_EQ(found[t].size(), expected[t].size());
+    for (size_t k = 0; k < found[t].size(); ++k) {
+      EXPECT_NEAR(found[t][k].get<double>(), expected[t][k].get<double>(), 0.11);
+    }
+  }
 }
 
 TEST(FrameFeatures, NothingWhereThereIsNothing) {

@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "raysfm/camera/pixel_finder.h"
 #include "raysfm/files/base64.h"
 #include "raysfm/files/little_endian.h"
 #include "raysfm/scene/worlds.h"
@@ -131,8 +132,9 @@ Json frames_json(const Reconstruction& whole, int segment) {
           {"lens", lens.text()}};
 }
 
-// Root mean square of the observations [first, last) of a frame, NaN where none can be projected.
-double rms_error(const Reconstruction& world, const KeyFrame& keyframe) {
+// Root mean square over a key frame's observations, NaN where it has none. `finders`: of the rig's cameras.
+double rms_error(const Reconstruction& world, const std::vector<PixelFinder>& finders,
+                 const KeyFrame& keyframe) {
   const PosedFrame& frame = world.frames[keyframe.frame];
   double sum = 0;
   int count = 0;
@@ -142,7 +144,10 @@ double rms_error(const Reconstruction& world, const KeyFrame& keyframe) {
     const Camera& camera = camera_of(world, frame, o.camera);
     Eigen::Vector2d pixel;
     const Rigid3 cam_from_world = (*frame.world_from_rig * camera.rig_from_cam).inverse();
-    if (!camera.project(cam_from_world * world.points[o.point].position, &pixel)) continue;
+    const Eigen::Vector3d point = cam_from_world * world.points[o.point].position;
+    const bool found =
+        frame.lens >= 0 ? camera.project(point, &pixel) : finders[o.camera].find(point, &pixel);
+    if (!found) continue;
     sum += (pixel - o.pixel).squaredNorm();
     ++count;
   }
@@ -155,10 +160,11 @@ Json keyframes_json(const Reconstruction& world) {
   std::vector<int> numbers(world.frames.size(), 0);  // of each frame among those with a pose
   for (size_t f = 1; f < numbers.size(); ++f)
     numbers[f] = numbers[f - 1] + world.frames[f - 1].world_from_rig.has_value();
+  const std::vector<PixelFinder> finders(world.rig.cameras.begin(), world.rig.cameras.end());
   for (const KeyFrame& keyframe : world.keyframes) {
     frame.add(numbers[keyframe.frame]);
     seen.add(keyframe.last_observation - keyframe.first_observation);
-    error.add(rms_error(world, keyframe));
+    error.add(rms_error(world, finders, keyframe));
   }
   return {{"count", world.keyframes.size()},
           {"frame", frame.text()},

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/camera/fit_ray_table.h"
 #include "raysfm/page/page_data.h"
 #include "raysfm/page/page_mesh.h"
 #include "support/small_reconstruction.h"
@@ -75,6 +76,18 @@ TEST(Page, FramesAreThoseOfTheResult) {
   EXPECT_EQ(keyframes, (std::vector<uint32_t>{0, 3, 5, 8}));  // frames 0, 3, 6 and 9, of which 5 is not there
   // Observations are exact.
   for (const float error : unpacked<float>(data["worlds"][0]["keyframes"]["error"])) EXPECT_LT(error, 1e-6);
+}
+
+TEST(Page, CamerasThatCannotProjectHaveErrorsToo) {
+  Reconstruction r = small_reconstruction({kPinhole, kPinhole});
+  const Result<RayFit> fit = fit_ray_table(r.rig.cameras[1]);
+  ASSERT_TRUE(fit.ok());
+  for (Camera& camera : r.rig.cameras) camera.model = fit->camera.model;
+  for (Observation& o : r.observations) o.pixel += Eigen::Vector2d(0.3, -0.4);
+  const json data = json::parse(page_data(r, {.title = "title"}));
+  const auto errors = unpacked<float>(data["worlds"][0]["keyframes"]["error"]);
+  ASSERT_EQ(errors.size(), 4u);
+  for (const float error : errors) EXPECT_NEAR(error, 0.5, 0.01);
 }
 
 TEST(Page, PointsAreWithinAStepOfTheirPlace) {
