@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <new>
 #include <optional>
 
@@ -476,6 +477,7 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
 
 // What a run tells beside its result.
 struct Aftermath {
+  int shutter_found_at = -1;  // frame; -1: none was found
   std::optional<SeenZoom> zoom;
   std::vector<LensDoubt> doubts;
 };
@@ -513,6 +515,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   std::vector<std::string> warnings;
   warn(callbacks.event, motion_warning(tracker.other_motion()), &warnings);
   aftermath->zoom = tracker.lens_change();
+  aftermath->shutter_found_at = tracker.shutter_found_at();
   if (sources->may_be_fisheye) {
     warn(callbacks.event, wide_lens_warning(tracker.rig().rig().cameras[0]), &warnings);
   }
@@ -535,6 +538,39 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   out.report.interrupted = read->stopped;
   out.report.frames_in_input = read->frames_in_input;
   return out;
+}
+
+// Where a rolling shutter was found only after most of the frames: these were posed without it, and what is
+// between key frames never hears of it. The footage tracked again, with the readout that was found.
+std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const TrackCallbacks& callbacks,
+                                              const Sources& sources, int found_at,
+                                              const TrackResult& tracked) {
+  const Reconstruction& first = tracked.reconstruction;
+  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
+  const bool is_late = found_at >= 0 && 2 * found_at >= std::ssize(first.frames) &&
+                       std::ranges::any_of(first.rig.cameras, scans);
+  const bool can_be_read_again =
+      sources.input.layout != "device" && given.map.empty() && given.save_map.empty();
+  if (!is_late || !can_be_read_again || callbacks.stopped()) return std::nullopt;
+  tell(callbacks.event, Event::Level::kInfo,
+       fmt::format("a rolling shutter was found at frame {}: all is tracked again with it", found_at));
+  FoundLens lens{sources.rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
+  lens.prior.readout = 0;
+  for (size_t c = 0; c < lens.rig.cameras.size(); ++c)
+    lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;
+  TrackSettings settings = given;
+  settings.checkpoint.clear();
+  TrackCallbacks quiet;
+  quiet.stop = callbacks.stop;
+  Result<TrackResult> again = track(settings, quiet, nullptr, &lens);
+  if (!again || callbacks.stopped() || posed_count(again->reconstruction) < posed_count(first))
+    return std::nullopt;
+  std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
+                       [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });
+  warn({}, unit_warning(again->reconstruction.rig, sources), &again->report.warnings);
+  auto& stages = again->report.stages;
+  if (sources.find_ms > 0) stages.insert(stages.begin(), tracked.report.stages.front());
+  return *std::move(again);
 }
 
 // What makes all of a result doubtful comes first.
@@ -640,6 +676,8 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     auto better = with_own_lens(given, callbacks, *sources, aftermath.doubts, &*tracked);
     if (better) return with_costs(*std::move(better));
   }
+  if (auto again = with_found_shutter(given, callbacks, *sources, aftermath.shutter_found_at, *tracked))
+    tracked = *std::move(again);
   const std::optional<SeenZoom>& change = aftermath.zoom;
   // A rolling shutter bends the images of a moving camera as a zoom does.
   const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;

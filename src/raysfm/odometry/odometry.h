@@ -109,6 +109,10 @@ class Odometry {
   // Whether the camera zoomed, as far as what was measured of the calibration tells; before finish().
   std::optional<SeenZoom> lens_change();
 
+  // The newest frame when a rolling shutter was found that nobody told; -1: none was. Frames between key
+  // frames keep what was known of it when they came.
+  int shutter_found_at() const { return shutter_found_at_; }
+
   // Frames of which a large part does not stand still in their world.
   std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }
   NewestView newest_view() const;
@@ -306,6 +310,7 @@ class Odometry {
   int posed_ = 0;
   int settled_before_ = 0;
   int calibration_ = 0;  // counts those taken over
+  int shutter_found_at_ = -1;
   StageTiming detect_timing_, start_timing_, calibrate_timing_, frame_timing_;
   double detected_ms_ = 0;  // during the present frame
 };

@@ -36,7 +36,9 @@ void Odometry::refine_calibration(int number, bool last) {
     if (round > 0) better = refiner_.better();
     if (!better) return;
     ++calibration_;
+    const bool scanned = rig_.scans();
     rig_ = TrackingRig(*better, options_.error);
+    if (rig_.scans() && !scanned) shutter_found_at_ = frames() - 1;
     const bool is_far = refiner_.take_over();
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted),
           last || is_far ? Adaption::kTwoSeries : Adaption::kOneSeries);

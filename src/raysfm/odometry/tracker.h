@@ -85,6 +85,8 @@ class Tracker {
   // Whether the focal length is another one from some frame on, beyond doubt: one calibration does not hold
   // all, and `solve` does better. None where nothing is refined. Before finish().
   std::optional<SeenZoom> lens_change() { return odometry_.lens_change(); }
+  // The newest frame when a rolling shutter was found that nobody told; -1: none was.
+  int shutter_found_at() const { return odometry_.shutter_found_at(); }
   std::vector<OtherMotion> other_motion() const { return odometry_.other_motion(); }
   NewestView newest_view() const { return odometry_.newest_view(); }
   // Images of the newest key frames of the world that was tracked last, at most so many, oldest first:
