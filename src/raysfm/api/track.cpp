@@ -563,7 +563,9 @@ std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const 
   TrackCallbacks quiet;
   quiet.stop = callbacks.stop;
   Result<TrackResult> again = track(settings, quiet, nullptr, &lens);
-  if (!again || callbacks.stopped() || posed_count(again->reconstruction) < posed_count(first))
+  if (!again || callbacks.stopped()) return std::nullopt;
+  const Reconstruction& second = again->reconstruction;
+  if (posed_count(second) < posed_count(first) || second.segments.size() > first.segments.size())
     return std::nullopt;
   std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
                        [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });

@@ -141,7 +141,7 @@ bool PlaceMatcher::has_rival(const DescribedCorners& seen, const Map& map, const
   return rival_.ok() && rival_.inlier_count >= kRivalShare * agreeing;
 }
 
-void PlaceMatcher::begin_to_look(const DescribedCorners& seen, const Map& map) {
+void PlaceMatcher::begin_to_look(const DescribedCorners& seen, const Map& map, bool aside_too) {
   grids_.resize(rig_.size());
   corners_of_camera_.resize(rig_.size());
   for (int c = 0; c < rig_.size(); ++c) {
@@ -155,7 +155,7 @@ void PlaceMatcher::begin_to_look(const DescribedCorners& seen, const Map& map) {
     grids_[c].build(pixels, rig_.camera(c).width, rig_.camera(c).height);
   }
   matches_.clear();
-  search_ = {};
+  search_ = {aside_too, {}, {}};
   corner_taken_.assign(seen.corners.size(), 0);
   track_taken_.assign(map.tracks.size(), 0);
 }
@@ -177,6 +177,19 @@ int PlaceMatcher::nearest_corner(int camera, const Eigen::Vector2d& pixel, int m
   return best;
 }
 
+// Whether there is something like a point where it is not.
+template <typename Differing>
+void PlaceMatcher::look_aside(int camera, const Eigen::Vector2d& pixel, int most,
+                              const Differing& differing) {
+  const ImageCell cell = cell_of(rig_, camera, pixel.cast<float>());
+  search_.looked_for.insert(cell);
+  for (int side = 0; side < 4; ++side) {
+    const double far = kAside * kGuideShare * rig_.camera(camera).width * (side % 2 == 0 ? 1 : -1);
+    const Eigen::Vector2d aside = pixel + (side < 2 ? Eigen::Vector2d(far, 0) : Eigen::Vector2d(0, far));
+    if (nearest_corner(camera, aside, most, differing) >= 0) search_.aside[side].insert(cell);
+  }
+}
+
 // Looks for a point where a pose sees it.
 template <typename Differing>
 void PlaceMatcher::look_for(const Map& map, int track, const Rigid3& rig_from_world, int most,
@@ -187,13 +200,7 @@ void PlaceMatcher::look_for(const Map& map, int track, const Rigid3& rig_from_wo
   for (int c = 0; c < rig_.size(); ++c) {
     Eigen::Vector2d pixel;
     if (!rig_.see(c, rig_.cam_from_rig(c) * point, &pixel)) continue;
-    const ImageCell cell = cell_of(rig_, c, pixel.cast<float>());
-    search_.looked_for.insert(cell);
-    for (int side = 0; side < 4; ++side) {
-      const double far = kAside * kGuideShare * rig_.camera(c).width * (side % 2 == 0 ? 1 : -1);
-      const Eigen::Vector2d aside = pixel + (side < 2 ? Eigen::Vector2d(far, 0) : Eigen::Vector2d(0, far));
-      if (nearest_corner(c, aside, most, differing) >= 0) search_.aside[side].insert(cell);
-    }
+    if (search_.aside_too) look_aside(c, pixel, most, differing);
     const int corner = nearest_corner(c, pixel, most, differing);
     if (corner < 0 || differing(corner) >= best_distance) continue;
     best = corner;
@@ -207,7 +214,7 @@ void PlaceMatcher::look_for(const Map& map, int track, const Rigid3& rig_from_wo
 // The points of the place and of those beside it.
 void PlaceMatcher::look_about(const DescribedCorners& seen, const Map& map, int keyframe,
                               const Rigid3& rig_from_world) {
-  begin_to_look(seen, map);
+  begin_to_look(seen, map, false);
   for (const int n : described_about(map, keyframe)) {
     const MapKeyFrame& k = map.keyframes[n];
     for (size_t i = 0; i < k.described.size(); ++i) {
@@ -219,7 +226,7 @@ void PlaceMatcher::look_about(const DescribedCorners& seen, const Map& map, int 
 
 void PlaceMatcher::look_about(const DescribedCorners& seen, const Map& map, const TrackEnd& end,
                               const Rigid3& rig_from_world) {
-  begin_to_look(seen, map);
+  begin_to_look(seen, map, true);
   for (size_t i = 0; i < end.corners.size(); ++i) {
     look_for(map, end.corners[i].track, rig_from_world, kMostDifferentUpright,
              [&](int corner) { return least_distance(seen.upright[corner], end.upright[i]); });

@@ -67,12 +67,14 @@ class PlaceMatcher {
   template <typename LookAbout>
   std::optional<RecognisedPlace> find_pose(const DescribedCorners& seen, const Map& map, uint64_t seed,
                                            uint64_t stream, const LookAbout& look_about);
-  void begin_to_look(const DescribedCorners& seen, const Map& map);
+  void begin_to_look(const DescribedCorners& seen, const Map& map, bool aside_too);
   void look_about(const DescribedCorners& seen, const Map& map, int keyframe, const Rigid3& rig_from_world);
   void look_about(const DescribedCorners& seen, const Map& map, const TrackEnd& end,
                   const Rigid3& rig_from_world);
   template <typename Differing>
   int nearest_corner(int camera, const Eigen::Vector2d& pixel, int most, const Differing& differing) const;
+  template <typename Differing>
+  void look_aside(int camera, const Eigen::Vector2d& pixel, int most, const Differing& differing);
   template <typename Differing>
   void look_for(const Map& map, int track, const Rigid3& rig_from_world, int most,
                 const Differing& differing);
@@ -86,6 +88,7 @@ class PlaceMatcher {
 
   // Where points were looked for, and where, as far aside on each of four sides, something like them was.
   struct Search {
+    bool aside_too = false;
     std::set<ImageCell> looked_for;
     std::array<std::set<ImageCell>, 4> aside;
   };

@@ -15,9 +15,16 @@ constexpr int kMostLookedAt = 3;
 constexpr double kProminent = 4;
 // Logarithm to base 10 of the false alarms of a place that is believed when it fits what is known.
 constexpr double kSignificant = -20;
+// The same of where track ended in another world, of which few are asked.
+constexpr double kSignificantEnd = -15;
 constexpr size_t kMostEnds = 4;  // 80 KB each
 // The same place: parts of the distance to the points, radians.
 constexpr double kSamePlaceShift = 0.1, kSamePlaceTurn = 0.1;
+
+std::optional<RecognisedPlace> if_sure(std::optional<RecognisedPlace> place, double most_false_alarms) {
+  if (place && place->log10_false_alarms > most_false_alarms) place.reset();
+  return place;
+}
 
 }  // namespace
 
@@ -84,7 +91,8 @@ std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps
   std::vector<Meeting> meetings;
   for (const PlaceVotes& v : likely) {
     const PlaceRef& there = places_[v.place];
-    auto meeting = compare(here, seen, there, recognise(seen, worlds, there, keyframe.frame), worlds);
+    auto place = if_sure(recognise(seen, worlds, there, keyframe.frame), kSignificant);
+    auto meeting = compare(here, seen, there, std::move(place), worlds);
     if (meeting) meetings.push_back(*std::move(meeting));
   }
   if (meetings.empty()) return std::nullopt;
@@ -107,7 +115,7 @@ std::optional<Meeting> PlaceMemory::compare(const PlaceRef& here, const Describe
                                             const PlaceRef& there, std::optional<RecognisedPlace> place,
                                             WorldMaps worlds) {
   const Map &map_here = *worlds[here.world], &map_there = *worlds[there.world];
-  if (!place || place->log10_false_alarms > kSignificant) return std::nullopt;
+  if (!place) return std::nullopt;
   std::optional<WorldRelation> relation = relate_worlds(rig_, map_here, here.keyframe, seen, map_there,
                                                         *place, has_same_scale(rig_, map_here, map_there));
   if (!relation) return std::nullopt;
@@ -128,7 +136,7 @@ std::optional<Meeting> PlaceMemory::meet_end(const PlaceRef& here, const Describ
   const auto frame = static_cast<uint64_t>(worlds[here.world]->keyframes[here.keyframe].frame);
   for (auto end = ends_.rbegin(); end != ends_.rend(); ++end) {
     if (end->world == here.world) continue;
-    auto place = matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame);
+    auto place = if_sure(matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame), kSignificantEnd);
     auto meeting = compare(here, seen, {end->world, end->keyframe}, std::move(place), worlds);
     if (meeting) return meeting;
   }

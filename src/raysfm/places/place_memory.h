@@ -62,8 +62,8 @@ class PlaceMemory {
   // are kept.
   void add_end(TrackEnd end);
   bool has_end_outside(int world) const;
-  // Whether the upright corners of a key frame show where track ended in another world, of which few are
-  // asked: as sure as a place of its own world is.
+  // Whether the upright corners of a key frame show where track ended in another world. So few are asked that
+  // it need not be confirmed.
   std::optional<Meeting> meet_end(const PlaceRef& here, const DescribedCorners& seen, WorldMaps worlds);
 
   // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.
