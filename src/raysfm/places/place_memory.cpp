@@ -21,9 +21,8 @@ constexpr size_t kMostEnds = 4;  // 80 KB each
 // The same place: parts of the distance to the points, radians.
 constexpr double kSamePlaceShift = 0.1, kSamePlaceTurn = 0.1;
 
-std::optional<RecognisedPlace> if_sure(std::optional<RecognisedPlace> place, double most_false_alarms) {
-  if (place && place->log10_false_alarms > most_false_alarms) place.reset();
-  return place;
+bool is_sure(const std::optional<RecognisedPlace>& place, double most_false_alarms) {
+  return place && place->log10_false_alarms < most_false_alarms;
 }
 
 }  // namespace
@@ -91,8 +90,9 @@ std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps
   std::vector<Meeting> meetings;
   for (const PlaceVotes& v : likely) {
     const PlaceRef& there = places_[v.place];
-    auto place = if_sure(recognise(seen, worlds, there, keyframe.frame), kSignificant);
-    auto meeting = compare(here, seen, there, std::move(place), worlds);
+    std::optional<RecognisedPlace> place = recognise(seen, worlds, there, keyframe.frame);
+    if (!is_sure(place, kSignificant)) continue;
+    auto meeting = compare(here, seen, there, *std::move(place), worlds);
     if (meeting) meetings.push_back(*std::move(meeting));
   }
   if (meetings.empty()) return std::nullopt;
@@ -110,16 +110,14 @@ std::optional<Meeting> PlaceMemory::look_closely(const PlaceRef& here, WorldMaps
   return std::move(*best);
 }
 
-// What was recognised, if anything was, where the points of both worlds agree with it.
+// What was recognised, where the points of both worlds agree with it.
 std::optional<Meeting> PlaceMemory::compare(const PlaceRef& here, const DescribedCorners& seen,
-                                            const PlaceRef& there, std::optional<RecognisedPlace> place,
-                                            WorldMaps worlds) {
+                                            const PlaceRef& there, RecognisedPlace place, WorldMaps worlds) {
   const Map &map_here = *worlds[here.world], &map_there = *worlds[there.world];
-  if (!place) return std::nullopt;
-  std::optional<WorldRelation> relation = relate_worlds(rig_, map_here, here.keyframe, seen, map_there,
-                                                        *place, has_same_scale(rig_, map_here, map_there));
+  std::optional<WorldRelation> relation = relate_worlds(rig_, map_here, here.keyframe, seen, map_there, place,
+                                                        has_same_scale(rig_, map_here, map_there));
   if (!relation) return std::nullopt;
-  return Meeting{here, there, *std::move(place), *std::move(relation)};
+  return Meeting{here, there, std::move(place), *std::move(relation)};
 }
 
 void PlaceMemory::add_end(TrackEnd end) {
@@ -136,8 +134,9 @@ std::optional<Meeting> PlaceMemory::meet_end(const PlaceRef& here, const Describ
   const auto frame = static_cast<uint64_t>(worlds[here.world]->keyframes[here.keyframe].frame);
   for (auto end = ends_.rbegin(); end != ends_.rend(); ++end) {
     if (end->world == here.world) continue;
-    auto place = if_sure(matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame), kSignificantEnd);
-    auto meeting = compare(here, seen, {end->world, end->keyframe}, std::move(place), worlds);
+    auto place = matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame);
+    if (!is_sure(place, kSignificantEnd)) continue;
+    auto meeting = compare(here, seen, {end->world, end->keyframe}, *std::move(place), worlds);
     if (meeting) return meeting;
   }
   return std::nullopt;

@@ -93,7 +93,7 @@ class PlaceMemory {
   std::optional<Meeting> look_closely(const PlaceRef& here, WorldMaps worlds,
                                       const std::vector<PlaceVotes>& likely);
   std::optional<Meeting> compare(const PlaceRef& here, const DescribedCorners& seen, const PlaceRef& there,
-                                 std::optional<RecognisedPlace> place, WorldMaps worlds);
+                                 RecognisedPlace place, WorldMaps worlds);
 
   PlaceMatcher matcher_;
   PlaceIndex index_;
