@@ -15,8 +15,9 @@ constexpr int kMostLookedAt = 3;
 constexpr double kProminent = 4;
 // Logarithm to base 10 of the false alarms of a place that is believed when it fits what is known.
 constexpr double kSignificant = -20;
-// The same of where track ended in another world, of which few are asked.
-constexpr double kSignificantEnd = -15;
+// The same of where track ended in another world, which nothing else confirms. Corridors of the same bricks
+// come to -22.
+constexpr double kSignificantEnd = -27;
 constexpr size_t kMostEnds = 4;  // 80 KB each
 // The same place: parts of the distance to the points, radians.
 constexpr double kSamePlaceShift = 0.1, kSamePlaceTurn = 0.1;

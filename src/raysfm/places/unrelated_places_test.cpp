@@ -23,7 +23,7 @@ using testing_support::true_pose;
 using testing_support::TrueMap;
 
 // Beyond it a place counts as seen again (place_memory.cpp), and how far unrelated ones must stay away.
-constexpr double kSignificant = -20, kSignificantEnd = -15, kMargin = 8;
+constexpr double kSignificant = -20, kSignificantEnd = -27, kMargin = 8;
 
 // What all pairs came to.
 struct Tally {
