@@ -683,6 +683,7 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
   explain_blindness(*view);
   observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
   remember_end();
+  add_end();
   last_seen_ = std::exchange(previous_, std::nullopt);
   starter_.emplace(rig_, options_);
   if (options_.departures.turning) begin_turn();

@@ -102,12 +102,12 @@ void Odometry::remember_end() {
   const int newest = static_cast<int>(segment().map.keyframes.size()) - 1;
   if (!options_.loops || !segment().views[newest].view) return;
   if (segment().map.keyframes[newest].described.empty()) remember(newest);
-  add_end();
 }
 
 // What was seen last of the active world: the points of its newest key frames, as the newest of them saw
 // each.
 void Odometry::add_end() {
+  if (!options_.loops) return;
   const SegmentState& s = segment();
   const int newest = static_cast<int>(s.map.keyframes.size()) - 1;
   TrackEnd end{active_, newest, {}, {}};

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cctype>
+#include <functional>
 #include <memory>
 
 #include "raysfm/eval/trajectory_error.h"
@@ -90,28 +91,39 @@ TEST_P(RealSequenceTest, EveryFrameIsPosedNearTheTruth) {
   EXPECT_LT(r.rms_reprojection_px, 1.0);
 }
 
+constexpr const char* kKitchen = "redkitchen-handheld";
+
+// What comes of its first images, each as `show` makes it; where that says no it is left out.
+Reconstruction track_kitchen(int count, const std::function<bool(int, GrayImage*)>& show) {
+  Result<Input> input = open_input({shared_data(kKitchen).string()}, {.mono = true});
+  if (!input || !input->calibration) {
+    ADD_FAILURE() << (input ? "no calibration" : input.error().message);
+    return {};
+  }
+  Odometry odometry(*input->calibration, {});
+  FrameSetReader reader(input->streams);
+  HarrisDetector detector;
+  for (int i = 0, pushed = 0; i < count; ++i) {
+    const std::shared_ptr<View> view = next_view(reader, pushed);
+    if (!view) return {};
+    if (!show(i, &view->cameras[0].image)) continue;
+    detect(detector, {.max_features = 1500}, &view->cameras[0]);
+    odometry.process(view);
+    ++pushed;
+  }
+  return odometry.finish(false);
+}
+
 // What was seen last is remembered, so that the camera may go on meanwhile.
 class HiddenForASecondTest : public testing::TestWithParam<int> {};
 
 TEST_P(HiddenForASecondTest, StaysOneWorld) {
   const int hidden = GetParam(), seen_again = hidden + 30, count = seen_again + 30;
-  const char* folder = "redkitchen-handheld";
-  RAYSFM_SKIP_WITHOUT_SHARED_DATA(folder);
-  Result<Input> input = open_input({shared_data(folder).string()}, {.mono = true});
-  ASSERT_TRUE(input) << input.error().message;
-  ASSERT_TRUE(input->calibration);
-  Odometry odometry(*input->calibration, {});
-  FrameSetReader reader(input->streams);
-  HarrisDetector detector;
-  for (int i = 0; i < count; ++i) {
-    const std::shared_ptr<View> view = next_view(reader, i);
-    ASSERT_TRUE(view);
-    GrayImage& image = view->cameras[0].image;
-    if (i >= hidden && i < seen_again) image = flat_image(image.width(), image.height(), 0);
-    detect(detector, {.max_features = 1500}, &view->cameras[0]);
-    odometry.process(view);
-  }
-  const Reconstruction r = odometry.finish(false);
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(kKitchen);
+  const Reconstruction r = track_kitchen(count, [&](int i, GrayImage* image) {
+    if (i >= hidden && i < seen_again) *image = flat_image(image->width(), image->height(), 0);
+    return true;
+  });
   ASSERT_EQ(r.segments.size(), 1u);
   for (int i = 0; i < count; ++i)
     EXPECT_EQ(r.frames[i].world_from_rig.has_value(), i < hidden || i >= seen_again) << i;
@@ -125,24 +137,10 @@ class CutOutTest : public testing::TestWithParam<int> {};
 
 TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
   const int cut = GetParam(), goes_on = cut + 60, end = goes_on + 90;
-  const char* folder = "redkitchen-handheld";
-  RAYSFM_SKIP_WITHOUT_SHARED_DATA(folder);
-  Result<Input> input = open_input({shared_data(folder).string()}, {.mono = true});
-  ASSERT_TRUE(input) << input.error().message;
-  ASSERT_TRUE(input->calibration);
-  Odometry odometry(*input->calibration, {});
-  FrameSetReader reader(input->streams);
-  HarrisDetector detector;
-  for (int i = 0; i < end; ++i) {
-    const std::shared_ptr<View> view = next_view(reader, i < cut ? i : i - 60);
-    ASSERT_TRUE(view);
-    if (i >= cut && i < goes_on) continue;
-    detect(detector, {.max_features = 1500}, &view->cameras[0]);
-    odometry.process(view);
-  }
-  const Reconstruction r = odometry.finish(false);
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(kKitchen);
+  const Reconstruction r = track_kitchen(end, [&](int i, GrayImage*) { return i < cut || i >= goes_on; });
   ASSERT_EQ(r.segments.size(), 1u);
-  const Result<Trajectory> truth = read_trajectory(shared_data(folder) / "truth.txt");
+  const Result<Trajectory> truth = read_trajectory(shared_data(kKitchen) / "truth.txt");
   ASSERT_TRUE(truth) << truth.error().message;
   const Result<Evaluation> error = evaluate(trajectory_of(r), *truth, {.alignment = Alignment::kSim3});
   ASSERT_TRUE(error) << error.error().message;

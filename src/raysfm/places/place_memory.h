@@ -58,12 +58,11 @@ class PlaceMemory {
   std::optional<Meeting> meet(const PlaceRef& here, WorldMaps worlds,
                               const std::function<bool(int)>& at_hand);
 
-  // Where track ended: near a place, with what was seen there last of the points of its world. The newest few
-  // are kept.
+  // Where track ended. The newest few are kept.
   void add_end(TrackEnd end);
   bool has_end_outside(int world) const;
-  // Whether the upright corners of a key frame show where track ended in another world. So few are asked that
-  // it need not be confirmed.
+  // Whether the upright corners of a key frame show where track ended in another world, so clearly that
+  // nothing need confirm it.
   std::optional<Meeting> meet_end(const PlaceRef& here, const DescribedCorners& seen, WorldMaps worlds);
 
   // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.

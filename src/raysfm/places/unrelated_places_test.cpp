@@ -73,8 +73,9 @@ struct RealView {
   TrackEnd end;  // of it
 };
 
-// Corners at distances that go up and down over the image, as those of surfaces do.
-Map map_of(const View& view, const DescribedCorners& corners, const Camera& camera) {
+// Corners at distances that go up and down over the image, as those of surfaces do. All of them are in the
+// end, as if those of several key frames had been taken together.
+Map map_of(const View& view, const DescribedCorners& corners, const Camera& camera, TrackEnd* end) {
   Map map;
   MapKeyFrame& k = map.keyframes.emplace_back();
   for (size_t i = 0; i < corners.corners.size(); ++i) {
@@ -88,24 +89,13 @@ Map map_of(const View& view, const DescribedCorners& corners, const Camera& came
     map.tracks[track].position = camera.rig_from_cam * (ray.origin + distance * ray.direction);
     const int feature = k.add(0, c.pixel, c.octave, track);
     map.observe(track, 0, feature);
+    end->corners.push_back({track, 0, c.octave, c.pixel});
+    end->upright.push_back(corners.upright[i]);
     if (feature % 2 != 0) continue;  // as many as a key frame has
     k.described.push_back(feature);
     k.descriptors.push_back(corners.descriptors[i]);
   }
   return map;
-}
-
-// All its corners, as if those of several key frames had been taken together.
-TrackEnd end_of(const Map& map, const DescribedCorners& corners) {
-  TrackEnd end;
-  const MapKeyFrame& k = map.keyframes[0];
-  size_t i = 0;
-  for (int f = 0; f < k.size(); ++f, ++i) {
-    while (corners.corners[i].pixel != k.pixels[f] || corners.corners[i].octave != k.octaves[f]) ++i;
-    end.corners.push_back({k.tracks[f], k.cameras[f], k.octaves[f], k.pixels[f]});
-    end.upright.push_back(corners.upright[i]);
-  }
-  return end;
 }
 
 // Every `step`-th of the first frames of a sequence.
@@ -130,8 +120,7 @@ void add_views(const std::filesystem::path& folder, int sequence, int count, int
     v.sequence = sequence;
     v.seen = describe_corners(view, describer);
     describe_upright(view, describer, &v.seen);
-    v.map = map_of(view, v.seen, rigs->back().cameras[0]);
-    v.end = end_of(v.map, v.seen);
+    v.map = map_of(view, v.seen, rigs->back().cameras[0], &v.end);
   }
 }
 
@@ -182,16 +171,15 @@ TEST_F(RealPlaces, AreNotKnownByMatchesThatAreAllWrong) {
   for (RealView& view : views_) {
     const TrackingRig rig(rigs_[view.sequence]);
     PlaceMatcher matcher(rig);
-    std::vector<Descriptor>& descriptors = view.seen.descriptors;
+    const auto shuffle = [&](auto* descriptors) {
+      for (size_t i = descriptors->size() - 1; i > 0; --i) {
+        std::swap((*descriptors)[i], (*descriptors)[rng.index(static_cast<uint32_t>(i + 1))]);
+      }
+    };
     for (int trial = 0; trial < count(5); ++trial) {
-      for (size_t i = descriptors.size() - 1; i > 0; --i) {
-        std::swap(descriptors[i], descriptors[rng.index(static_cast<uint32_t>(i + 1))]);
-      }
+      shuffle(&view.seen.descriptors);
       tally.add(matcher.recognise(view.seen, view.map, 0, 1, static_cast<uint64_t>(trial)));
-      std::vector<UprightDescriptor>& upright = view.seen.upright;
-      for (size_t i = upright.size() - 1; i > 0; --i) {
-        std::swap(upright[i], upright[rng.index(static_cast<uint32_t>(i + 1))]);
-      }
+      shuffle(&view.seen.upright);
       tally.add(matcher.recognise(view.seen, view.map, view.end, 1, static_cast<uint64_t>(trial)));
     }
   }

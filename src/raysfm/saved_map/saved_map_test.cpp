@@ -1,14 +1,11 @@
 #include "raysfm/saved_map/saved_map.h"
 
 #include <gtest/gtest.h>
-
 #include <signal.h>
 #include <sqlite3.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <algorithm>
-#include <chrono>
 
 #include <algorithm>
 #include <chrono>
