@@ -6,6 +6,7 @@ import json
 import math
 import pathlib
 import re
+import select
 import shutil
 import signal
 import socket
@@ -282,10 +283,16 @@ class Served(ProgramTest):
         browser.stdout.readline()  # it is there
         running = self.start("track", DRIVE / "video.mp4", "--camera", DRIVE / "camera.yaml", "--out", self.folder / "out", "--features", 2500,
                              "--threads", 1, "--view", port)
+        # The run is held back until a browser that draws without a graphics card has shown a picture of it.
+        while running.poll() is None and not select.select([browser.stdout], [], [], 0.15)[0]:
+            running.send_signal(signal.SIGCONT)
+            time.sleep(0.05)
+            running.send_signal(signal.SIGSTOP)
+        running.send_signal(signal.SIGCONT)
         told, said = browser.communicate(timeout=180)
         self.assertEqual(browser.returncode, 0, said)
         self.assertEqual(running.wait(60), 0)
-        seen = json.loads(told)
+        seen = json.loads(told.splitlines()[-1])
         # The run waits three seconds for a browser, and then no longer.
         self.assertEqual([e for e in seen["errors"] if not e.startswith("Failed to load resource")], [])
         self.assertTrue(seen["over"])

@@ -1,5 +1,6 @@
 // Opens a page that is served and looks at it: served_check.mjs VIEWER CHROMIUM pictures|live URL FRAME
-// Prints one JSON object of what it saw, which page_test.py judges; `live` prints a line when the browser is there.
+// Prints one JSON object of what it saw, which page_test.py judges; `live` prints a line before when the browser is there,
+// and one when it shows a picture.
 import { launchBrowser } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, what, url, frame] = process.argv.slice(2);
@@ -57,7 +58,7 @@ async function live() {
       for (let i = 0; i < data.length; i += 4) green += data[i] < 110 && data[i + 1] > 190 && data[i + 2] < 150;
       return { size: [canvas.width, canvas.height], green, note: document.getElementById("picture-note").textContent };
     });
-    if (picture) seen.pictures.push(picture);
+    if (picture && seen.pictures.push(picture) === 1) console.log("a picture is there");
   }
   Object.assign(seen, await page.evaluate(() => {
     const { view, data } = window.page, gl = view.renderer.getContext(), pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);

@@ -7,10 +7,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <cstring>
 #include <functional>
+#include <utility>
 
 #include "raysfm/camera_files/camera_file.h"
 #include "support/damage.h"
@@ -169,30 +169,49 @@ TEST(SavedMap, SaysWhyAFileCannotBeWritten) {
   EXPECT_TRUE(into_folder.error().message.starts_with(folder.path().string())) << into_folder.error().message;
 }
 
-// The child writes two maps in turn until it is killed, within the time of three such writes here and now.
+// Writes the two maps in turn and for ever, the second one first; each that is written is told to `told`.
+[[noreturn]] void write_in_turn(const SavedMap (&maps)[2], const fs::path& path, int told) {
+  for (int turn = 1;; ++turn) {
+    if (!write(maps[turn % 2], path) || ::write(told, "w", 1) != 1) _exit(1);
+  }
+}
+
+// Waits until the child has told of `writes` writes, and then for a part of the time that the last of them
+// took.
+void wait_into_a_write(int told, int writes, Rng* rng) {
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point begin, end = Clock::now();
+  for (int i = 0; i < writes; ++i) {
+    char letter = 0;
+    ASSERT_EQ(::read(told, &letter, 1), 1);
+    begin = std::exchange(end, Clock::now());
+  }
+  const auto lasted = std::chrono::duration_cast<std::chrono::microseconds>(end - begin).count();
+  usleep(static_cast<useconds_t>(rng->uniform() * static_cast<double>(lasted)));
+}
+
+// The child is killed in its second or in its third write: either map must have been found, whole, in the
+// end.
 TEST(SavedMap, SurvivesBeingKilled) {
   const TemporaryFolder folder;
   const fs::path path = folder.path() / "map";
   const SavedMap maps[] = {random_saved_map(8, 3, 2000), random_saved_map(9, 4, 2000)};
-  ASSERT_TRUE(write(maps[1], path));
-  const auto begin = std::chrono::steady_clock::now();
   ASSERT_TRUE(write(maps[0], path));
-  const std::chrono::duration<double, std::micro> once = std::chrono::steady_clock::now() - begin;
-  const auto longest = static_cast<uint32_t>(std::clamp(3 * once.count(), 2e4, 2e6));
   Rng rng(10);
   int seen[2] = {0, 0};
-  for (int i = 0; i < 20 || (seen[0] * seen[1] == 0 && i < 500); ++i) {
+  for (int i = 0; i < 20 || (seen[0] * seen[1] == 0 && i < 200); ++i) {
+    int ends[2];
+    ASSERT_EQ(pipe(ends), 0);
     const pid_t child = fork();
-    if (child == 0) {
-      for (int turn = 1;; ++turn) {
-        if (!write(maps[turn % 2], path)) _exit(1);
-      }
-    }
-    usleep(2000 + rng.index(longest));
+    if (child == 0) write_in_turn(maps, path, ends[1]);
+    close(ends[1]);
+    wait_into_a_write(ends[0], 1 + i % 2, &rng);
+    close(ends[0]);
     ASSERT_EQ(kill(child, SIGKILL), 0);
     int status = 0;
     ASSERT_EQ(waitpid(child, &status, 0), child);
     ASSERT_TRUE(WIFSIGNALED(status));
+    ASSERT_EQ(WTERMSIG(status), SIGKILL);
     const Result<SavedMap> read = read_saved_map(path);
     ASSERT_TRUE(read) << read.error().message;
     const bool second = read->worlds[0].map.keyframes.size() == 4;
