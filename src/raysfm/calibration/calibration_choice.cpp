@@ -24,9 +24,9 @@ constexpr double kSurelyAnother = 10;
 // by row, and their rows are the longer side, unless a picture was cropped since: on kitti07, whose shutter
 // does not roll, other errors look like such a readout of 4 to 5 standard deviations.
 constexpr double kSurely = 8;
-// Standard deviations of its prior by which a focal length is that of another lens, and what the prior is
-// then multiplied by.
-constexpr double kContradiction = 4, kAnotherLens = 10;
+// Standard deviations of its prior by which a focal length is that of another lens, or an aspect that of
+// images that were squeezed, and what the prior is then multiplied by.
+constexpr double kContradiction = 4, kAnotherLens = 10, kSqueezed = 25;
 
 // Some of the unknowns, in units of the standard deviations of their priors.
 struct Posterior {
@@ -155,18 +155,25 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
   return choice;
 }
 
-// With those standard deviations of the prior, but where the lens is another one.
+double widened(RigParameters::Kind kind) {
+  if (kind == RigParameters::Kind::kFocal) return kAnotherLens;
+  return kind == RigParameters::Kind::kAspect ? kSqueezed : 1;
+}
+
+// With those standard deviations of the prior, but where the lens is another one or its images were squeezed.
 CalibrationChoice choose_lens(const RigParameters& parameters, const Eigen::VectorXd& sigma,
                               const CalibrationEvidence& evidence) {
   const int m = parameters.size();
   Eigen::VectorXd wide(m);
-  for (int i = 0; i < m; ++i) {
-    wide[i] = sigma[i] * (parameters[i].kind == RigParameters::Kind::kFocal ? kAnotherLens : 1);
-  }
+  for (int i = 0; i < m; ++i) wide[i] = sigma[i] * widened(parameters[i].kind);
   CalibrationChoice other = choose(wide, evidence);
-  for (int i = 0; i < m; ++i)
-    other.contradicts |= std::abs(other.values[i]) > kContradiction * sigma[i] && wide[i] > sigma[i];
-  return other.contradicts ? other : choose(sigma, evidence);
+  bool is_other = false;
+  for (int i = 0; i < m; ++i) {
+    if (wide[i] == sigma[i] || std::abs(other.values[i]) <= kContradiction * sigma[i]) continue;
+    is_other = true;
+    other.contradicts |= parameters[i].kind == RigParameters::Kind::kFocal;
+  }
+  return is_other ? other : choose(sigma, evidence);
 }
 
 bool is_readout(const RigParameters& parameters, int i) {

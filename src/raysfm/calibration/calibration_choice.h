@@ -27,7 +27,8 @@ struct CalibrationChoice {
 // one, and the others are found anew.
 //
 // A focal length that is off by more than four standard deviations of its prior is another lens, of which the
-// prior says nothing: it is then ten times as wide.
+// prior says nothing: it is then ten times as wide. Likewise the aspect of images that were squeezed, with
+// one 25 times as wide.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence);
 
 // Whether the change is worth adapting everything to it; `was_changed`: the given calibration was changed

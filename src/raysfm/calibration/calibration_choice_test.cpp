@@ -187,6 +187,17 @@ TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
   EXPECT_TRUE(finds(480, 480, kRight, 6));
 }
 
+// Pixels are square or, of squeezed images, anything: 4 % off is found as it is, 0.5 % is held back.
+TEST_F(ChoiceTest, SqueezedImagesAreNoticed) {
+  sigma[kAspect] = 0.005;
+  truth[kAspect] = 0.04;
+  EXPECT_NEAR(choice().values[kAspect], 0.04, 0.002);
+  EXPECT_FALSE(choice().contradicts);
+  sigma[kAspect] = 0.0008;
+  truth[kAspect] = 0.005;
+  EXPECT_LT(choice().values[kAspect], 0.004);
+}
+
 TEST_F(ChoiceTest, AnotherLensIsNoticed) {
   sigma[kFocal] = 0.003;
   truth[kFocal] = 0.05;
