@@ -71,7 +71,8 @@ struct Telling {
   std::optional<FoundLens> lens;
   std::string reason;  // or what speaks for a lens that is not perspective
   bool reconstructed = true;
-  bool zooms = false;  // by the look of it; the lens is the best single one
+  bool zooms = false;                   // by the look of it; the lens is the best single one
+  std::optional<FoundLens> vague = {};  // that it says too little of to be told
 };
 
 bool is_long_enough(const TrackJoiner& joiner) {
@@ -240,14 +241,21 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
   const double sigma = telling.lens->prior.focal;
   if (!(sigma <= kUsable)) {
-    telling = {
-        {}, fmt::format("the focal length is known to {:.0f} % only", 100 * sigma), true, telling.zooms};
+    telling = {{},
+               fmt::format("the focal length is known to {:.0f} % only", 100 * sigma),
+               true,
+               telling.zooms,
+               telling.lens};
   }
   return telling;
 }
 
+const std::optional<FoundLens>& surer(const std::optional<FoundLens>& a, const std::optional<FoundLens>& b) {
+  return a && (!b || a->prior.focal < b->prior.focal) ? a : b;
+}
+
 bool is_better(const Telling& a, const Telling& b) {
-  return a.lens && (!b.lens || a.lens->prior.focal < b.lens->prior.focal);
+  return a.lens && &surer(a.lens, b.lens) == &a.lens;
 }
 
 std::string described(const Telling& telling, int end) {
@@ -273,13 +281,17 @@ void make_square(double pixel_aspect, PointTracks* tracks) {
   for (Eigen::Vector2d& p : tracks->pixel) p.x() = (p.x() + 0.5) * pixel_aspect - 0.5;
 }
 
-// A lens that such tracks told, of the images as they are.
-void make_as_stored(const FrameSource& source, FoundLens* lens) {
+// Lenses that such tracks told, of the images as they are.
+void make_as_stored(const FrameSource& source, Telling* telling) {
   const double pixel_aspect = source.pixel_aspect();
-  Camera& camera = lens->rig.cameras[0];
-  if (pixel_aspect == 1 || !stretch(1 / pixel_aspect, &camera)) return;
-  camera.width = source.width();
-  lens->origin.focal /= pixel_aspect;
+  if (pixel_aspect == 1) return;
+  for (std::optional<FoundLens>* lens : {&telling->lens, &telling->vague}) {
+    if (!*lens) continue;
+    Camera& camera = (*lens)->rig.cameras[0];
+    if (!stretch(1 / pixel_aspect, &camera)) continue;
+    camera.width = source.width();
+    (*lens)->origin.focal /= pixel_aspect;
+  }
 }
 
 // The best of what stretch after stretch tells; none where the footage tells no lens, or to stop.
@@ -304,7 +316,9 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     begin += static_cast<int>(stretch->names.size());
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
+    const std::optional<FoundLens> vague = surer(telling.vague, best.vague);
     if (i == 0 || is_better(telling, best)) best = telling;
+    best.vague = vague;
     if ((telling.zooms && telling.lens) || (best.lens && best.lens->prior.focal <= kSure)) break;
   }
   return best;
@@ -338,13 +352,14 @@ Result<void> check_single(const TrackSettings& settings, const Input& input) {
                   settings.inputs[0], streams));
 }
 
+// `vague`: what stretches say of the lens, if anything.
 std::optional<FoundLens> ask_tracking(const TrackSettings& settings, const FrameSource& source,
+                                      const std::optional<FoundLens>& vague,
                                       const TrackCallbacks& callbacks) {
+  tell(callbacks.event, Event::Level::kInfo, "no stretch tells a lens: tracking looks for it");
+  std::optional<FoundLens> lens = lens_by_tracking(settings, source, vague, callbacks);
   tell(callbacks.event, Event::Level::kInfo,
-       "no stretch tells a lens: tracking looks for it, from two that are guessed");
-  std::optional<FoundLens> lens = lens_by_tracking(settings, source, callbacks);
-  tell(callbacks.event, Event::Level::kInfo,
-       lens ? fmt::format("both end at a focal length of {:.1f} pixels, right within {:.1f} %",
+       lens ? fmt::format("tracking ends at a focal length of {:.1f} pixels, right within {:.1f} %",
                           lens->origin.focal, 100 * lens->origin.focal_sigma)
             : "no lens from tracking");
   return lens;
@@ -465,11 +480,11 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     Result<Telling> asked = ask_footage(settings, **reader, callbacks, zoom);
     if (!asked) return asked.error();
     telling = *std::move(asked);
-    if (telling.lens) make_as_stored((*reader)->source(), &*telling.lens);
+    make_as_stored((*reader)->source(), &telling);
     // What a map of a mere turn says of the lens is chance.
     const bool only_turns = telling.reason.starts_with("pure rotation");
     if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
-      telling.lens = ask_tracking(settings, (*reader)->source(), callbacks);
+      telling.lens = ask_tracking(settings, (*reader)->source(), telling.vague, callbacks);
     }
   }
   if (!telling.lens && !told) {
@@ -590,10 +605,10 @@ std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bo
   ZoomedStretch zoom;
   Result<Telling> asked = ask_footage(settings, **reader, callbacks, &zoom);
   if (!asked || zoom.last_frame >= 0 || callbacks.stopped()) return std::nullopt;
-  std::optional<FoundLens> own = std::move(asked->lens);
-  if (own) make_as_stored((*reader)->source(), &*own);
-  if (!own && is_alone) own = lens_by_tracking(settings, (*reader)->source(), callbacks);
-  return own;
+  make_as_stored((*reader)->source(), &*asked);
+  if (!asked->lens && is_alone)
+    return lens_by_tracking(settings, (*reader)->source(), asked->vague, callbacks);
+  return asked->lens;
 }
 
 }  // namespace raysfm

@@ -27,6 +27,9 @@ constexpr int kMostTracked = 900;
 constexpr int kMostGuesses = 2;  // the second begins where the first ended
 // By how much the two may end apart, as a part of the focal length; and what must have a pose.
 constexpr double kAgree = 0.03, kMostlyPosed = 0.5;
+// Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
+// how much the map made from there may end apart.
+constexpr double kMostVague = 0.2, kNear = 0.1;
 
 // Ends a run after so many frames, or with the run that it is a part of.
 class FrameLimit : public TrackWatcher {
@@ -74,6 +77,22 @@ std::optional<FoundLens> agreement(const std::vector<FoundLens>& found) {
   }
   best.prior.focal = std::max(best.prior.focal, best.origin.focal_sigma);
   return best;
+}
+
+// From what a stretch says; none where its map says something else.
+std::optional<FoundLens> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
+                                       const FoundLens& vague) {
+  if (!(vague.origin.focal_sigma <= kMostVague)) return std::nullopt;
+  FoundLens guess = vague;
+  guess.prior = kGuessed;
+  guess.is_guess = true;
+  std::optional<FoundLens> lens = refined_guess(settings, callbacks, guess);
+  if (!lens) return std::nullopt;
+  const double apart = std::abs(std::log(lens->origin.focal / vague.origin.focal));
+  if (apart > kNear) return std::nullopt;
+  lens->origin.focal_sigma = std::max(lens->origin.focal_sigma, apart);
+  lens->prior.focal = std::max(lens->prior.focal, lens->origin.focal_sigma);
+  return lens;
 }
 
 // Runs with the cameras of a file at other focal lengths, until these stay: how many at most, and by how much
@@ -331,10 +350,14 @@ std::string own_lens_warning(const Reconstruction& own, const Reconstruction& wi
 }  // namespace
 
 std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const FrameSource& source,
+                                          const std::optional<FoundLens>& vague,
                                           const TrackCallbacks& callbacks) {
   TrackSettings quiet = settings;
   for (std::string* file : {&quiet.checkpoint, &quiet.map, &quiet.save_map}) file->clear();
   quiet.final = "none";
+  if (vague) {
+    if (auto lens = refined_vague(quiet, callbacks, *vague)) return lens;
+  }
   std::vector<FoundLens> lenses;
   for (const double guess : kGuesses) {
     lenses.push_back(
