@@ -87,7 +87,7 @@ CalibrationPrior prior_of(const UncalibratedReconstruction& found, int image, co
   const LensVector& sigma = found.lens_sigma[image];
   const double focal = found.scene.lenses[image].fx;
   const double rim2 = std::min(1.0, (0.5 * tracks.image_size / focal).squaredNorm());
-  CalibrationPrior prior{.focal = doubt * sigma[0] / focal};
+  CalibrationPrior prior{.focal = doubt * sigma[0] / focal, .without_shutter = true};
   prior.centre = std::clamp(doubt * std::max(sigma[2], sigma[3]) / tracks.image_size.x(), kSurest.centre,
                             kVaguest.centre);
   prior.rim = kVaguest.rim;
@@ -146,6 +146,7 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
   const double doubt = kOptimism / posed;
   FoundLens lens{Rig{{found.camera}}, {}, {}, true};
   lens.rig.cameras[0].name = "camera";
+  lens.prior.without_shutter = true;
   lens.prior.focal = doubt * std::hypot(found.sigma.focal, kModelError);
   lens.prior.centre = std::clamp(doubt * found.sigma.centre, kSurest.centre, kVaguest.centre);
   lens.prior.rim = std::clamp(doubt * found.sigma.rim, kSurest.rim, kVaguest.rim);

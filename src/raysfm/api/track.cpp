@@ -554,7 +554,9 @@ std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const 
   if (!is_late || !can_be_read_again || callbacks.stopped()) return std::nullopt;
   tell(callbacks.event, Event::Level::kInfo,
        fmt::format("a rolling shutter was found at frame {}: all is tracked again with it", found_at));
-  FoundLens lens{sources.rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
+  // What a file says of a lens stands; what was found as if no shutter rolled does not.
+  const Rig& rig = sources.lens_is_given() ? sources.rig : first.rig;
+  FoundLens lens{rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
   lens.prior.readout = 0;
   for (size_t c = 0; c < lens.rig.cameras.size(); ++c)
     lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;

@@ -82,6 +82,10 @@ Posterior estimate(const CalibrationEvidence& e, const Eigen::VectorXd& prior_si
   return LinearEvidence(e, prior_sigma, told).posterior(all);
 }
 
+double least_significance(bool was_off) {
+  return was_off ? kNoMore : kSignificant;
+}
+
 // Leaves of the unknowns those that are surely off when the others are not. The least sure goes first, and
 // what `at` (empty: nothing) says is off already after all else.
 Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
@@ -94,7 +98,7 @@ Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior
     for (size_t k = 0; k < open->size(); ++k) {
       const double significance2 = posterior.values[k] * posterior.values[k] / posterior.covariance(k, k);
       const bool was_off = at.size() > 0 && at[(*open)[k]] != 0;
-      const double enough = was_off ? kNoMore : kSignificant;
+      const double enough = least_significance(was_off);
       if (significance2 >= enough * enough || was_off > is_off) continue;
       if (least >= 0 && was_off == is_off && significance2 >= lowest) continue;
       least = static_cast<int>(k), lowest = significance2, is_off = was_off;
@@ -112,7 +116,10 @@ std::vector<int> places_in(const std::vector<int>& all, const std::vector<int>& 
   return places;
 }
 
-CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence) {
+// `takes_all`: numbers that are told are changed though they are not significantly off, as nothing speaks for
+// the given ones.
+CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence,
+                         bool takes_all) {
   const int m = static_cast<int>(prior_sigma.size());
   std::vector<int> open(m);
   std::iota(open.begin(), open.end(), 0);
@@ -135,8 +142,8 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
   }
   const std::vector<int> told = open;
   std::vector<int> kept = open;
-  posterior = significant(evidence, prior_sigma, {}, &open);
-  if (!evidence.at.isZero(0) && !told.empty()) {
+  if (!takes_all) posterior = significant(evidence, prior_sigma, {}, &open);
+  if (!takes_all && !evidence.at.isZero(0) && !told.empty()) {
     const Posterior as_before = significant(evidence, prior_sigma, evidence.at, &kept);
     const LinearEvidence linear(evidence, prior_sigma, told);
     if (linear.log_evidence(places_in(told, open)) <
@@ -162,18 +169,19 @@ double widened(RigParameters::Kind kind) {
 
 // With those standard deviations of the prior, but where the lens is another one or its images were squeezed.
 CalibrationChoice choose_lens(const RigParameters& parameters, const Eigen::VectorXd& sigma,
-                              const CalibrationEvidence& evidence) {
+                              const CalibrationEvidence& evidence, bool takes_all) {
   const int m = parameters.size();
   Eigen::VectorXd wide(m);
   for (int i = 0; i < m; ++i) wide[i] = sigma[i] * widened(parameters[i].kind);
-  CalibrationChoice other = choose(wide, evidence);
+  CalibrationChoice other = choose(wide, evidence, takes_all);
   bool is_other = false;
   for (int i = 0; i < m; ++i) {
     if (wide[i] == sigma[i] || std::abs(other.values[i]) <= kContradiction * sigma[i]) continue;
+    if (other.significance[i] < least_significance(evidence.at[i] != 0)) continue;
     is_other = true;
     other.contradicts |= parameters[i].kind == RigParameters::Kind::kFocal;
   }
-  return is_other ? other : choose(sigma, evidence);
+  return is_other ? other : choose(sigma, evidence, takes_all);
 }
 
 bool is_readout(const RigParameters& parameters, int i) {
@@ -185,21 +193,44 @@ bool is_along_longer_side(const RigParameters& parameters, int readout) {
   return parameters[readout].index == 0 ? camera.height > camera.width : camera.width > camera.height;
 }
 
-// With all readouts held but one; -1: but none.
+bool is_known_to_roll(const Rig& rig) {
+  return std::ranges::any_of(rig.cameras, [](const Camera& camera) { return camera.shutter.readout > 0; });
+}
+
+// With all readouts held but one; -1: but none. `is_free`: the given lens may be bent by the shutter.
 CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
-                                      CalibrationEvidence evidence) {
+                                      CalibrationEvidence evidence, bool is_free) {
   constexpr double kHeld = 1e-9;
   if (readout < 0 && parameters.has_readout()) evidence.scatter = evidence.lens_scatter;
-  Eigen::VectorXd sigma(parameters.size());
+  Eigen::VectorXd sigma = parameters.prior_sigma(is_free);
   for (int i = 0; i < parameters.size(); ++i) {
-    sigma[i] = parameters[i].prior_sigma;
     if (is_readout(parameters, i) && i != readout) sigma[i] *= kHeld;
   }
-  CalibrationChoice choice = choose_lens(parameters, sigma, evidence);
+  CalibrationChoice choice = choose_lens(parameters, sigma, evidence, is_free);
   for (int i = 0; i < parameters.size(); ++i) {
     if (is_readout(parameters, i) && i != readout) choice.sigma[i] = parameters[i].prior_sigma;
   }
   return choice;
+}
+
+// Whether every focal length is better known from a choice than it was before.
+bool knows_better(const RigParameters& parameters, const CalibrationChoice& choice) {
+  for (int i = 0; i < parameters.size(); ++i) {
+    if (parameters[i].kind != RigParameters::Kind::kFocal) continue;
+    if (!choice.is_told[i] || choice.sigma[i] > parameters[i].prior_sigma) return false;
+  }
+  return true;
+}
+
+// A lens that was found as if no shutter rolled took some of that for its own numbers. Where one does, it is
+// found anew, if the map tells it better than what it was found from.
+CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
+                                      const CalibrationEvidence& evidence) {
+  if (parameters.is_bent_by_shutter() && (readout >= 0 || is_known_to_roll(parameters.given()))) {
+    CalibrationChoice choice = choose_with_readout(parameters, readout, evidence, true);
+    if (knows_better(parameters, choice)) return choice;
+  }
+  return choose_with_readout(parameters, readout, evidence, false);
 }
 
 }  // namespace
@@ -213,6 +244,7 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
     if (!is_readout(parameters, i)) continue;
     CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
+    if (choice.significance[i] < least_significance(evidence.at[i] != 0)) continue;
     if (choice.significance[i] < kSurely && is_along_longer_side(parameters, i)) continue;
     most = choice.significance[i];
     best = std::move(choice);

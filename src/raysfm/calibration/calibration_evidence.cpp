@@ -341,8 +341,9 @@ class Measurement {
   Eigen::VectorXd best_step(const CalibrationEvidence& e, bool hold_readouts) const {
     const Eigen::Index m = parameters_.size();
     const Eigen::Index n = hold_readouts ? m - static_cast<Eigen::Index>(readouts_.size()) : m;
+    const bool is_bent = !hold_readouts && !readouts_.empty();
     const Eigen::VectorXd prior =
-        e.cost / std::max(1, e.observations) * parameters_.prior_information().head(n);
+        e.cost / std::max(1, e.observations) * parameters_.prior_sigma(is_bent).head(n).array().pow(-2);
     const Eigen::MatrixXd prior_matrix = prior.asDiagonal();
     const Eigen::MatrixXd information = e.information.topLeftCorner(n, n) + prior_matrix;
     const Eigen::VectorXd right = -e.gradient.head(n) - prior_matrix * e.at.head(n);

@@ -16,6 +16,8 @@ namespace {
 constexpr double kTurnPrior = 0.02, kShiftPrior = 0.02;
 constexpr double kStep = 1e-3;  // of the standard deviation of a usual prior
 constexpr CalibrationPrior kUsual;
+// How much farther than usual the numbers of a lens may be off that was found as if no shutter rolled.
+constexpr double kBent = 5;
 // Standard deviations.
 constexpr double kOtherLens = 4;
 
@@ -154,7 +156,10 @@ RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPr
 }
 
 void RigParameters::add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma) {
-  parameters_.push_back({camera, kind, index, doubt_ * prior_sigma, kStep * usual_sigma});
+  const double sigma = doubt_ * prior_sigma;
+  const bool may_be_bent = prior_.without_shutter && (kind == Kind::kFocal || kind == Kind::kNumber);
+  const double bent = may_be_bent ? std::max(sigma, kBent * usual_sigma) : sigma;
+  parameters_.push_back({camera, kind, index, sigma, bent, kStep * usual_sigma});
 }
 
 void RigParameters::add_model(int c) {
@@ -249,10 +254,11 @@ Rig RigParameters::rig(const Eigen::VectorXd& values) const {
   return rig;
 }
 
-Eigen::VectorXd RigParameters::prior_information() const {
-  Eigen::VectorXd information(size());
-  for (int i = 0; i < size(); ++i) information[i] = 1 / std::pow(parameters_[i].prior_sigma, 2);
-  return information;
+Eigen::VectorXd RigParameters::prior_sigma(bool is_bent) const {
+  Eigen::VectorXd sigma(size());
+  for (int i = 0; i < size(); ++i)
+    sigma[i] = is_bent ? parameters_[i].bent_sigma : parameters_[i].prior_sigma;
+  return sigma;
 }
 
 }  // namespace raysfm

@@ -16,6 +16,8 @@ struct CalibrationPrior {
   double centre = 0.01;   // of the principal point, as a part of the image's width
   double rim = 0.03;      // of a coefficient of distortion: what moves the rim of the image by this part
   double readout = 0;     // of a rolling shutter whose readout is not given, seconds; 0: there is none
+  // Of a lens that was found as if no shutter rolled: where one does, little of that holds.
+  bool without_shutter = false;
 };
 
 // Whether two focal lengths are those of different lenses: farther apart than usual calibrations are off.
@@ -43,6 +45,7 @@ class RigParameters {
     Kind kind = Kind::kNumber;
     int index = 0;           // of the model's numbers, or axis
     double prior_sigma = 0;  // how far the given one may be off
+    double bent_sigma = 0;   // the same where a shutter rolls that the given one was found without
     double step = 0;         // over which derivatives are taken: about a tenth of a pixel at the rim
   };
 
@@ -58,6 +61,8 @@ class RigParameters {
   bool concerns(int i, int camera) const;
   // Whether readouts are among the unknowns.
   bool has_readout() const { return prior_.readout > 0 && size() > 0; }
+  // Whether the given lens was found as if no shutter rolled.
+  bool is_bent_by_shutter() const { return prior_.without_shutter; }
   // Of the number that an unknown changes in a camera: its name, and its value in a rig.
   std::string name(int i) const;
   double number(int i, int camera, const Rig& rig) const;
@@ -65,8 +70,8 @@ class RigParameters {
   // The rig with these unknowns. Whether it is one that can be: see find_problem().
   Rig rig(const Eigen::VectorXd& values) const;
 
-  // Inverse variances of the prior.
-  Eigen::VectorXd prior_information() const;
+  // Standard deviations of the prior; `is_bent`: where a shutter rolls that the given lens was found without.
+  Eigen::VectorXd prior_sigma(bool is_bent) const;
 
  private:
   void add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma);
