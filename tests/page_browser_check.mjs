@@ -1,12 +1,16 @@
 // Opens a page in a browser and tells what it saw, as one JSON object that page_browser_test.py judges:
-// page_browser_check.mjs VIEWER CHROMIUM large|keys|narrow|words|speed PAGE.html
+// page_browser_check.mjs VIEWER CHROMIUM large|late|keys|narrow|words|speed PAGE.html
+import { once } from "node:events";
+import { readFileSync } from "node:fs";
+import { createServer } from "node:http";
 import { pathToFileURL } from "node:url";
-import { launchBrowser } from "../scripts/browser.mjs";
+import { launchBrowser, tellShaderFaults } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, what, file] = process.argv.slice(2);
 const browser = await launchBrowser(viewer, executablePath);
 const narrow = what === "narrow" ? { viewport: { width: 390, height: 844 }, isMobile: true, hasTouch: true } : { viewport: { width: 1100, height: 760 } };
 const page = await browser.newPage({ ...narrow, colorScheme: "light" });
+if (what !== "speed") await tellShaderFaults(page);
 page.setDefaultTimeout(90000); // on a machine that has much else to do
 const seen = { errors: [] };
 page.on("console", (m) => m.type() === "error" && seen.errors.push(m.text()));
@@ -14,8 +18,9 @@ page.on("pageerror", (e) => seen.errors.push(e.message));
 
 const open = async () => {
   await page.goto(pathToFileURL(file).href);
-  await page.waitForFunction(() => window.page?.view && !window.page.view.first);
+  await isSeen();
 };
+const isSeen = () => page.waitForFunction(() => window.page?.view && !window.page.view.first);
 const settle = () => page.evaluate(() => new Promise((done) => setTimeout(done, 300)));
 const plotPixels = () => page.evaluate(() => [...document.querySelectorAll(".plot canvas")].map((c) =>
   c.getContext("2d").getImageData(0, 0, c.width, c.height).data.some((v) => v)));
@@ -48,7 +53,8 @@ async function large() {
   const { metrics } = await session.send("Performance.getMetrics");
   seen.seconds = metrics.find((m) => m.name === "TaskDuration").value;
   await settle();
-  seen.draws = await page.evaluate(() => window.draws.slice(0, 5));
+  seen.draws = await page.evaluate(() => window.draws);
+  seen.said = await page.textContent("dt:text-is('points') + dd");
   seen.plotPixels = await plotPixels();
   seen.plain = await page.evaluate(() => [...document.querySelectorAll(".plot canvas")].map((c) => c.getContext("2d").getContextAttributes().willReadFrequently));
   const still = await drawn();
@@ -95,6 +101,51 @@ async function large() {
   await page.selectOption("#world", "1");
   seen.ranges.push(await range());
   Object.assign(seen, await page.evaluate(() => ({ followed: document.getElementById("follow").classList.contains("on"), focused: document.activeElement.id })));
+}
+
+// The file as a slow network brings it: what lies behind the script comes when it is told to.
+async function late() {
+  const text = readFileSync(file, "utf8"), cut = text.indexOf('<script type="application/json" id="rest">');
+  let arrive;
+  const server = createServer((_, response) => {
+    response.writeHead(200, { "Content-Type": "text/html; charset=utf-8" });
+    response.write(text.slice(0, cut));
+    arrive = () => response.end(text.slice(cut));
+  }).listen(0, "127.0.0.1");
+  await once(server, "listening");
+  await page.goto(`http://127.0.0.1:${server.address().port}/`, { waitUntil: "commit" });
+  await isSeen();
+  const state = async () => {
+    await settle();
+    return { ...(await drawn()), ...(await page.evaluate(() => {
+      const { view, state: { frame } } = window.page, { geometry } = view.points;
+      return { points: geometry.drawRange.count, coloured: geometry.attributes.color.count, frame, byHeight: view.byHeight,
+        heights: view.heights, legend: document.getElementById("legend").textContent, eye: view.camera.position.toArray() };
+    })) };
+  };
+  await page.keyboard.press("End");
+  await page.selectOption("#world", "1");
+  seen.other = await state();
+  await page.selectOption("#world", "0");
+  await page.focus("#canvas");
+  await page.keyboard.press("End");
+  await page.keyboard.press("k");
+  seen.before = await state();
+  arrive();
+  await page.waitForFunction(() => document.readyState === "complete");
+  seen.after = await state();
+  Object.assign(seen, await page.evaluate(() => {
+    const { view, data } = window.page, { points } = data.worlds[0], last = view.controls.target.clone().fromArray(points.positions, 3 * points.count - 3);
+    view.camera.position.copy(view.root.localToWorld(last.clone())).addScalar(0.1);
+    view.camera.lookAt(view.root.localToWorld(last.clone()));
+    view.camera.near = 1e-3;
+    view.camera.updateProjectionMatrix();
+    view.camera.updateMatrixWorld();
+    return { last: last.toArray(), picked: view.pick(50, 50, 100, 100)?.toArray() };
+  }));
+  await page.selectOption("#world", "1");
+  seen.otherAfter = await state();
+  server.close();
 }
 
 async function keys() {
@@ -205,17 +256,18 @@ async function words() {
   seen.detect = Number(detect[0]) * (detect[1] === "s" ? 1000 : 1);
 }
 
-// Seconds from when the page was asked for until the map is seen, and pictures a second while a hand turns it, once what is drawn has found its size.
+// Seconds from when the page was asked for, in a browser that has done with its own start, until the map is seen, and pictures a second while a hand turns it, once what is drawn has found its size.
 async function speed() {
   await page.addInitScript(() => {
     const { drawArrays } = WebGL2RenderingContext.prototype;
     WebGL2RenderingContext.prototype.drawArrays = function (kind, ...rest) {
       drawArrays.call(this, kind, ...rest);
       if (kind !== this.POINTS || window.seconds) return;
-      this.finish();
+      this.readPixels(0, 0, 1, 1, this.RGBA, this.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn, which finish() does not
       window.seconds = performance.now() / 1000;
     };
   });
+  await new Promise((done) => setTimeout(done, 1500));
   await open();
   seen.seconds = await page.evaluate(() => window.seconds);
   await page.waitForFunction(() => document.querySelectorAll(".plot canvas").length === 4);
@@ -243,6 +295,6 @@ async function speed() {
   });
 }
 
-await { large, keys, narrow: onATelephone, words, speed }[what]();
+await { large, late, keys, narrow: onATelephone, words, speed }[what]();
 await browser.close();
 console.log(JSON.stringify(seen));

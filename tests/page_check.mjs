@@ -1,11 +1,12 @@
 // Opens a page in a browser and does what a user does: page_check.mjs VIEWER CHROMIUM PAGE.html FRAME_WITHOUT_POSE FRAME_A FRAME_B
 // Prints one JSON object of what it saw, which page_test.py judges.
 import { pathToFileURL } from "node:url";
-import { launchBrowser } from "../scripts/browser.mjs";
+import { launchBrowser, tellShaderFaults } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, file, missing, from, to] = process.argv.slice(2);
 const browser = await launchBrowser(viewer, executablePath);
 const page = await browser.newPage({ viewport: { width: 1100, height: 760 }, colorScheme: "light" });
+await tellShaderFaults(page);
 const seen = { errors: [], requests: [] };
 page.on("console", (m) => ["error", "warning"].includes(m.type()) && seen.errors.push(m.text()));
 page.on("pageerror", (e) => seen.errors.push(e.message));

@@ -67,8 +67,9 @@ class Page(ProgramTest):
     def test_view_writes_the_same_data(self):
         page = self.folder / "page.html"
         self.assertEqual(run("view", OUT, "--html", page).returncode, 0)
-        found = [json.loads(re.search(r'id="data">(.*?)</script>', path.read_text()).group(1))
-                 for path in (page, OUT / "report.html")]
+        found, rest = [[json.loads(re.search(rf'id="{name}">(.*?)</script>', path.read_text()).group(1))
+                        for path in (page, OUT / "report.html")] for name in ("data", "rest")]
+        self.assertEqual(rest[0], rest[1])
         self.assertEqual([data["title"] for data in found], [f"{NAME} \u00b7 out", NAME])
         index = [struct.unpack(f"<{w['frames']['count']}I", base64.b64decode(w["frames"]["index"]))
                  for f in found for w in f["worlds"][:1]]

@@ -1,11 +1,12 @@
 // Opens a page that is served and looks at it: served_check.mjs VIEWER CHROMIUM pictures|live URL FRAME
 // Prints one JSON object of what it saw, which page_test.py judges; `live` prints a line before when the browser is there,
 // and one when it shows a picture.
-import { launchBrowser } from "../scripts/browser.mjs";
+import { launchBrowser, tellShaderFaults } from "../scripts/browser.mjs";
 
 const [viewer, executablePath, what, url, frame] = process.argv.slice(2);
 const browser = await launchBrowser(viewer, executablePath);
 const page = await browser.newPage({ viewport: { width: 900, height: 640 }, colorScheme: "light" });
+await tellShaderFaults(page);
 const seen = { errors: [], requests: [] };
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 const watch = () => {

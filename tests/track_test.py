@@ -743,6 +743,34 @@ cameras:
                   for out in (self.out, calibrated)]
         self.assertLess(errors[0], 1.5 * errors[1])
 
+    def test_a_lens_that_a_stretch_says_little_of(self):
+        """Tracking begins with it, and its map tells the lens."""
+        source = SHARED / "redkitchen-handheld"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        images = self.folder / "few"
+        images.mkdir()
+        for image in sorted((source / "images").iterdir())[:100]:
+            (images / image.name).symlink_to(image)
+        done = run("track", images, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stderr, "no lens from the frames before 100: the focal length is known to 1[0-9] % only")
+        self.assertIn("tracking ends at a focal length", done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual(report["frames"]["posed"], 100)
+        self.assertLess(abs(report["lens_focal_px"] / 526.2 - 1), 0.02)
+
+    def test_a_rolling_shutter_bends_the_lens(self):
+        """A stretch takes some of what the shutter does for the lens; the map tells them apart."""
+        film = self.folder / "film"
+        done = run("synth", "room", "--motion", "handheld", "--frames", 120, "--readout", 33, "--samples", 1, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.track(film / "images").returncode, 0)
+        found = re.search(r"fx: ([\d.]+)", (self.out / "camera.yaml").read_text())
+        self.assertAlmostEqual(float(found[1]) / 410, 1, delta=0.01)
+        result = json.loads(run("eval", self.out / "trajectory.txt", film / "truth.txt", "--json").stdout)
+        self.assertLess(result["ate"]["mean"], 0.0012 * result["length_m"])
+
     def test_refused(self):
         images = self.images("few", 3)
         for fov in ("200", "4.9", "-60", "nan"):

@@ -187,10 +187,10 @@ DataAnswer LiveView::data() {
     over = over_;
   }
   const Clock::time_point start = Clock::now();
-  std::string text = page_data(map ? *map : Reconstruction(), info);
+  PageData data = page_data(map ? *map : Reconstruction(), info);
   const std::lock_guard lock(mutex_);
   data_ms_ = milliseconds_since(start);
-  return {std::move(text), [this, over] { count_fetched(over); }};
+  return {std::move(data.first) + '\n' + data.rest, [this, over] { count_fetched(over); }};
 }
 
 void LiveView::count_fetched(bool result) {

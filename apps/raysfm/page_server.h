@@ -33,7 +33,7 @@ struct DataAnswer {
 // What a server answers with, asked on its own threads. An empty function: there is no such thing.
 struct PageAnswers {
   std::function<Result<std::string>()> page;                          // HTML
-  std::function<DataAnswer()> data;                                   // JSON
+  std::function<DataAnswer()> data;                                   // two lines of JSON
   std::function<Result<std::string>(int frame, int camera)> picture;  // JPEG
   std::function<std::string(int frame, int camera)> features;         // JSON
   // The text of the next event, waiting for it up to a second: empty where there is none yet. False: it was

@@ -10,24 +10,31 @@ function bytesOf(text) {
 
 const unpack = (text, Kind) => new Kind(bytesOf(text).buffer);
 
-const common = (a, b) => (b ? common(b, a % b) : a);
+function joined(a, b) {
+  const both = new a.constructor(a.length + b.length);
+  both.set(a);
+  both.set(b, a.length);
+  return both;
+}
 
-// In an order of which any beginning is spread evenly: that much is drawn while the view moves.
-function readPoints(json) {
-  const quantised = unpack(json.xyz, Uint16Array), rgb = unpack(json.rgb, Uint8Array), count = json.count;
-  const positions = new Float32Array(3 * count), colours = new Uint8Array(3 * count);
-  let step = Math.max(1, Math.round(0.618 * count));
-  while (common(step, count) > 1) ++step;
-  const [x0, y0, z0] = json.low, [dx, dy, dz] = json.high.map((high, axis) => (high - json.low[axis]) / 65535);
-  for (let to = 0, from = 0; to < 3 * count; to += 3, from = (from + 3 * step) % (3 * count)) {
-    positions[to] = x0 + quantised[from] * dx;
-    positions[to + 1] = y0 + quantised[from + 1] * dy;
-    positions[to + 2] = z0 + quantised[from + 2] * dz;
-    colours[to] = rgb[from];
-    colours[to + 1] = rgb[from + 1];
-    colours[to + 2] = rgb[from + 2];
+// Adds those that come after the ones that are there. Any beginning of them is spread evenly: that much is drawn while the view moves.
+function addPoints(points, { xyz, rgb }) {
+  const quantised = unpack(xyz, Uint16Array), positions = new Float32Array(quantised.length);
+  const [x0, y0, z0] = points.low, [dx, dy, dz] = points.high.map((high, axis) => (high - points.low[axis]) / 65535);
+  for (let i = 0; i < positions.length; i += 3) {
+    positions[i] = x0 + quantised[i] * dx;
+    positions[i + 1] = y0 + quantised[i + 1] * dy;
+    positions[i + 2] = z0 + quantised[i + 2] * dz;
   }
-  return { count, all: json.all, far: json.far, positions, colours };
+  points.positions = joined(points.positions, positions);
+  points.colours = joined(points.colours, bytesOf(rgb));
+}
+
+// `count` is of all, the arrays grow to it.
+function readPoints({ count, all, far, low, high, ...first }) {
+  const points = { count, all, far, low, high, positions: new Float32Array(0), colours: new Uint8Array(0) };
+  addPoints(points, first);
+  return points;
 }
 
 function readWorld(json, total) {
@@ -67,7 +74,8 @@ export function quantile(numbers, share) {
   return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
 }
 
-export function readData(text = document.getElementById("data").textContent) {
+// `text`: what comes first.
+export function readData(text) {
   const json = JSON.parse(text);
   const reasons = new Array(json.total).fill("");
   for (const run of json.missing) reasons.fill(run.reason, run.first, run.last + 1);
@@ -80,4 +88,9 @@ export function readData(text = document.getElementById("data").textContent) {
       places: unpack(mesh.places, Uint16Array), texture: `data:image/jpeg;base64,${mesh.texture}` });
   }
   return { ...json, reasons, isHeld: held, worlds: json.worlds.map((world) => readWorld(world, json.total)) };
+}
+
+// The rest of the same.
+export function addRest(data, text) {
+  JSON.parse(text).forEach((rest, number) => addPoints(data.worlds[number].points, rest));
 }

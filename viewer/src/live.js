@@ -1,6 +1,6 @@
 // A run that is under way: events from the server, and the map anew whenever there is a newer one.
 export class Live {
-  // `on.map(text)`: what page_data.cpp wrote; `on.frames(live)`: newest frames; `on.state(text, over)`.
+  // `on.map(first, rest)`: what page_data.cpp wrote; `on.frames(live)`: newest frames; `on.state(text, over)`.
   constructor(on) {
     this.on = on;
     this.shown = 0; // revision of the map
@@ -25,9 +25,9 @@ export class Live {
       while (this.news.map > this.shown) {
         const asked = this.news.map, answer = await fetch("data");
         if (!answer.ok) break;
-        const text = await answer.text();
+        const texts = (await answer.text()).split("\n");
         this.shown = asked;
-        this.on.map(text);
+        this.on.map(...texts);
       }
     } catch {
       this.on.state("the run cannot be reached", false);

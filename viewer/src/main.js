@@ -1,5 +1,5 @@
 // Ties the view, the plots and the controls together.
-import { readData } from "./data.js";
+import { addRest, readData } from "./data.js";
 import { $, element } from "./dom.js";
 import { Live } from "./live.js";
 import { heightLegend, lengthOf, panel, TOGGLES } from "./panel.js";
@@ -7,7 +7,7 @@ import { Pictures } from "./pictures.js";
 import { Plots } from "./plots.js";
 import { World3d } from "./scene.js";
 
-let data = readData();
+let data = readData($("data").textContent);
 // `newest`: of a run under way, the newest frame is shown whenever there is one.
 const state = { frame: 0, world: 0, playing: false, measuring: false, places: [], theme: "light", live: data.live, newest: data.live };
 let view, plots, pictures;
@@ -194,17 +194,19 @@ function showWorld(number, keep = false) {
 }
 
 // A map that is newer: the world that was looked at, or the one where the run goes on.
-function renew(text) {
+function renew(begin, rest) {
   const before = data.worlds.length > 0 ? world().index[0] : -1;
-  data = readData(text);
+  data = readData(begin);
+  addRest(data, rest);
   if (data.worlds.length === 0) return;
   const first = !view;
-  if (first && !build()) return;
+  if (first) build();
   view.data = data;
   if (state.measuring) toggleMeasure();
   bar();
   const on = state.newest ? data.worlds.findIndex((w) => w.at[data.last] >= 0) : data.worlds.findIndex((w) => w.index[0] === before);
   showWorld(Math.max(0, on), !first && view.touched && before === data.worlds[Math.max(0, on)].index[0]);
+  if (first) open();
 }
 
 function showNewest() {
@@ -328,39 +330,53 @@ function rate() {
   return Math.max(1, Math.min(taken, 120, Math.max(10, data.total / 3)));
 }
 
-// What there is once a frame has a pose; false where the browser cannot draw.
+// What there is once a frame has a pose.
 function build() {
   document.body.className = "";
   $("empty").textContent = "";
-  try {
-    view = new World3d($("canvas"), data);
-  } catch {
-    document.body.className = "empty";
-    $("empty").textContent = "This browser draws no WebGL, which the page needs: its settings may call it hardware acceleration.";
-    return false;
-  }
+  view = new World3d(data);
   plots = new Plots($("plots"), (frame) => scrub(frame));
   if (data.pictures > 0) {
     pictures = new Pictures($("picture"), data);
     view.inset = 0.3;
   }
   bar();
+  setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+}
+
+// What has been built is drawn from now on, if the browser can.
+function open() {
+  try {
+    view.connect($("canvas"));
+  } catch {
+    document.body.className = "empty";
+    $("empty").textContent = "This browser draws no WebGL, which the page needs: its settings may call it hardware acceleration.";
+    view = undefined;
+    return;
+  }
   keyboard();
   pointer();
-  setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   new ResizeObserver(resize).observe(document.body);
   loop();
   window.page = { ...window.page, state, view, plots, pictures, seek, get data() { return data; } };
-  return true;
+}
+
+// What lies behind this script in the file.
+function complete() {
+  addRest(data, $("rest").textContent);
+  view?.fillPoints();
 }
 
 function start() {
   if (data.worlds.length === 0) {
     document.body.className = "empty";
     $("empty").textContent = data.live ? `${data.title}: no frame has a pose yet` : `${data.title}: no frame has a pose. ${data.missing[0]?.reason ?? ""}`;
-  } else if (build()) {
+  } else {
+    build();
     showWorld(0);
+    open();
   }
   if (data.live) listen();
+  else addEventListener("DOMContentLoaded", complete);
 }
 start();

@@ -1,5 +1,5 @@
 // The points of a map: how they are drawn, and in which colours.
-import { BufferAttribute, BufferGeometry, Points, ShaderMaterial } from "three";
+import { BufferAttribute, BufferGeometry, Points, ShaderMaterial, Sphere } from "three";
 import { quantile } from "./data.js";
 
 // Discs, larger where they are nearer. `size` is that in pixels at the distance `reference`.
@@ -20,13 +20,19 @@ const SHADER = {
     }`,
 };
 
-export function pointCloud(positions) {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+export function pointCloud() {
   const uniforms = { size: { value: 3 }, reference: { value: 1 }, ratio: { value: 1 } };
-  const points = new Points(geometry, new ShaderMaterial({ ...SHADER, uniforms }));
-  points.frustumCulled = false; // its bounding sphere would have to be found first
+  const points = new Points(new BufferGeometry(), new ShaderMaterial({ ...SHADER, uniforms }));
+  points.frustumCulled = false;
   return points;
+}
+
+export function setPoints(points, positions, colours) {
+  points.geometry.dispose();
+  const geometry = (points.geometry = new BufferGeometry());
+  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new BufferAttribute(colours, 3, true));
+  geometry.boundingSphere = new Sphere(); // to find theirs takes long, and it tells only in which order things are drawn
 }
 
 // Blue, green, yellow and red from low to high.

@@ -7,8 +7,8 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { addFrustum, evenly, rayLines, spread } from "./cameras.js";
 import { ellipsoidMaterial, ellipsoidMatrix, ellipsoids } from "./ellipsoids.js";
 import { extentOf, overview, upOf } from "./framing.js";
-import { pathEnds, setEnds, thickLines, thinLines } from "./lines.js";
-import { areGrey, heightColours, heightRange, pointCloud } from "./points.js";
+import { flatMaterial, pathEnds, setEnds, thickLines, thinLines } from "./lines.js";
+import { areGrey, heightColours, heightRange, pointCloud, setPoints } from "./points.js";
 
 const MOST_FRUSTA = 400; // of key frames that are drawn
 // Milliseconds from picture to picture while the view moves, on average: above the first less is drawn, below the second more.
@@ -24,24 +24,29 @@ const THEMES = {
   dark: { background: "#0e1116", grid: "#262d38", path: "#58a6ff", key: "#ff922b", now: "#3fdd78", ellipsoid: "#e879f9", closure: "#ff6b9d" },
 };
 
-function drawsInSoftware() {
-  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
-  gl?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software/i.test(name);
+// Whether a processor draws by itself only a context tells; where a graphics card does, the canvas gives way to one with smooth edges.
+function rendererOn(canvas) {
+  const rough = canvas.getContext("webgl2", { antialias: false }), info = rough?.getExtension("WEBGL_debug_renderer_info");
+  const software = Boolean(info) && /swiftshader|llvmpipe|software/i.test(rough.getParameter(info.UNMASKED_RENDERER_WEBGL));
+  if (!software) {
+    rough?.getExtension("WEBGL_lose_context")?.loseContext();
+    const before = canvas;
+    canvas = before.cloneNode();
+    before.replaceWith(canvas);
+  }
+  const renderer = new WebGLRenderer(software ? { canvas, context: rough } : { canvas, antialias: true });
+  renderer.debug.checkShaderErrors = false; // to ask for them is to wait for programs to be ready
+  return { renderer, software };
 }
 
+const pixelRatio = () => Math.min(devicePixelRatio, 2);
+
 export class World3d {
-  constructor(canvas, data) {
+  constructor(data) {
     this.data = data;
-    this.software = drawsInSoftware();
-    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(50, 1, 0.01, 1e6);
-    this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.enableDamping = true;
-    this.controls.dampingFactor = 0.15;
+    this.target = new Vector3(); // what is looked at
     this.root = new Group();
     this.scene.add(this.root, new AmbientLight(0xffffff, 1.6));
     const sun = new DirectionalLight(0xffffff, 1.8);
@@ -57,8 +62,24 @@ export class World3d {
     this.follow = false;
     this.dirty = true;
     this.touched = false; // by somebody who looks from where he likes
+  }
+
+  // What draws it, on `canvas` or what takes its place, as large as it has to be. It comes after all else, which need not wait for it.
+  connect(canvas) {
+    [canvas.width, canvas.height] = [this.width, this.height].map((side) => Math.floor(side * pixelRatio()));
+    Object.assign(this, rendererOn(canvas));
+    this.renderer.setDrawingBufferSize(this.width, this.height, this.ratio);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    Object.assign(this.controls, { target: this.target, enableDamping: true, dampingFactor: 0.15 });
     this.controls.addEventListener("change", () => (this.dirty = true));
     this.controls.addEventListener("start", () => (this.touched = true));
+    this.begin();
+  }
+
+  // The first picture is one of those while the view moves.
+  begin() {
+    this.detail = this.software ? Math.min(1, FIRST_POINTS / (this.world.points.count || 1)) : 1;
+    this.first = true;
   }
 
   // `keep`: the view stays where it is.
@@ -70,8 +91,6 @@ export class World3d {
     const { middle, reach, floor } = extentOf(world, this.up);
     Object.assign(this, { middle, reach, frustumSize: this.sizeOfFrusta(reach), nowSize: 0.06 * reach });
     if (!keep) this.pointSize = Math.max(1.5, Math.min(5, 4.5 * (8000 / (world.points.count || 1)) ** 0.4));
-    // Part of points and frusta that is drawn while the view moves.
-    this.detail = this.software ? Math.min(1, FIRST_POINTS / (world.points.count || 1)) : 1;
     this.makePoints();
     this.makeSurface();
     this.makePath();
@@ -82,7 +101,7 @@ export class World3d {
     this.marks = new Group();
     this.root.add(this.marks);
     this.tail = [];
-    this.first = true; // of its pictures is to come
+    this.begin();
     this.colour();
     this.apply();
     if (!keep) this.home();
@@ -106,7 +125,7 @@ export class World3d {
 
   makePoints() {
     const { positions, colours } = this.world.points;
-    this.points = pointCloud(positions);
+    this.points = pointCloud();
     this.byHeight = this.byHeight ?? areGrey(colours);
     this.heights = heightRange(positions, this.up);
     this.colourPoints();
@@ -130,10 +149,14 @@ export class World3d {
   }
 
   colourPoints() {
-    const { positions, colours } = this.world.points;
-    const shown = this.byHeight ? heightColours(positions, this.up, this.heights) : colours;
-    this.points.geometry.setAttribute("color", new BufferAttribute(shown, 3, true));
+    this.fillPoints();
     this.dirty = true;
+  }
+
+  // All that are there. It is no movement: they are drawn at once.
+  fillPoints() {
+    const { positions, colours } = this.world.points;
+    setPoints(this.points, positions, this.byHeight ? heightColours(positions, this.up, this.heights) : colours);
   }
 
   position(i, to = new Vector3()) {
@@ -144,18 +167,12 @@ export class World3d {
   }
 
   makePath() {
-    this.path = this.lines(pathEnds(this.world), 3);
-    this.coarsePath = this.lines(pathEnds(this.world, Math.max(1, Math.ceil(this.world.count / COARSE_PATH))), 3);
+    this.path = thickLines(pathEnds(this.world), 3);
+    this.coarsePath = thickLines(pathEnds(this.world, Math.max(1, Math.ceil(this.world.count / COARSE_PATH))), 3);
     // Over the points, which would hide it.
     for (const path of [this.path, this.coarsePath]) path.renderOrder = 1, (path.material.depthTest = false);
-    this.tailPath = this.lines([], 3);
+    this.tailPath = thickLines([], 3);
     this.root.add(this.path, this.coarsePath, this.tailPath);
-  }
-
-  lines(ends, width) {
-    const lines = thickLines(ends, width);
-    lines.material.resolution.set(this.width || 1, this.height || 1);
-    return lines;
   }
 
   // From where a place was seen again to where it had been seen.
@@ -165,7 +182,7 @@ export class World3d {
       const a = this.world.at[frame], b = this.world.at[earlier];
       if (a >= 0 && b >= 0) ends.push(...this.position(a).toArray(), ...this.position(b).toArray());
     }
-    this.closures = this.lines(ends, 4);
+    this.closures = thickLines(ends, 4);
     this.closures.renderOrder = 2;
     this.root.add(this.closures);
   }
@@ -194,10 +211,10 @@ export class World3d {
     const step = frames.length > PLAIN_FRUSTA && !wide ? 3 : 1;
     for (const i of frames) addFrustum(this.camerasOf(i), this.position(i), this.rotation(i), this.frustumSize, lines, step);
     this.keyCameras = thinLines(lines);
-    this.nowCamera = this.lines([], 2);
+    this.nowCamera = thickLines([], 2);
     this.nowRays = thinLines([]);
     this.raysAt = -1;
-    this.nowDot = new Mesh(new SphereGeometry(1, 16, 12), new MeshBasicMaterial());
+    this.nowDot = new Mesh(new SphereGeometry(1, 16, 12), flatMaterial());
     this.nowDot.scale.setScalar(0.1 * this.nowSize);
     this.root.add(this.keyCameras, this.nowCamera, this.nowRays, this.nowDot);
   }
@@ -230,7 +247,8 @@ export class World3d {
     const cell = power * [5, 2, 1].find((digit) => digit * power <= 0.4 * reach), cells = Math.ceil((6 * reach) / cell);
     this.cell = cell;
     this.grid = new GridHelper(cell * cells, cells);
-    Object.assign(this.grid.material, { vertexColors: false, transparent: true }); // as other thin lines, for one program of the graphics card
+    this.grid.material.dispose();
+    this.grid.material = flatMaterial();
     const middle = this.root.localToWorld(this.middle.clone());
     this.grid.position.set(middle.x, floor, middle.z);
     this.scene.add(this.grid);
@@ -261,7 +279,7 @@ export class World3d {
     this.points.visible = s.points;
     if (this.surface) this.surface.visible = s.surface;
     this.points.material.uniforms.size.value = this.pointSize * Math.max(0.6, Math.min(1.4, Math.min(this.width, this.height) / 620 || 1));
-    this.points.material.uniforms.ratio.value = this.renderer.getPixelRatio();
+    this.points.material.uniforms.ratio.value = pixelRatio();
     this.points.material.uniforms.reference.value = this.distance || this.reach;
     this.tailPath.visible = s.path && !this.tailPath.empty;
     this.closures.visible = s.closures && !this.closures.empty;
@@ -318,7 +336,7 @@ export class World3d {
   home() {
     this.touched = false;
     const { target, to, distance } = overview(this.world, this.middle, 0.3 * this.reach, this.root, this.camera, this.inset);
-    this.controls.target.copy(target);
+    this.target.copy(target);
     this.camera.position.copy(target).addScaledVector(to, distance);
     this.distance = distance;
     this.apply();
@@ -331,7 +349,7 @@ export class World3d {
   // Without a mouse: the eye goes around what it looks at, radians to the right and upwards, and `nearer` times as near.
   turn(right, upwards, nearer = 1) {
     this.touched = true;
-    const { position } = this.camera, { target } = this.controls;
+    const { target, camera: { position } } = this;
     const at = new Spherical().setFromVector3(position.clone().sub(target));
     at.theta += right;
     at.phi -= upwards;
@@ -349,14 +367,14 @@ export class World3d {
     const goal = this.root.localToWorld(eye), target = this.root.localToWorld(ahead);
     if (this.camera.position.distanceTo(goal) > far * 1e-3) this.dirty = true;
     this.camera.position.lerp(goal, 0.15);
-    this.controls.target.lerp(target, 0.15);
+    this.target.lerp(target, 0.15);
   }
 
   resize(width, height) {
-    if (width === this.width && height === this.height && this.renderer.getPixelRatio() === this.ratio) return;
-    this.renderer.setSize(width, height, false);
-    Object.assign(this, { width, height, ratio: this.renderer.getPixelRatio() });
-    for (const lines of [this.path, this.coarsePath, this.tailPath, this.closures, this.nowCamera]) lines?.material.resolution.set(width, height);
+    const ratio = pixelRatio();
+    if (width === this.width && height === this.height && ratio === this.ratio) return;
+    this.renderer?.setDrawingBufferSize(width, height, ratio);
+    Object.assign(this, { width, height, ratio });
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
     if (this.world) this.apply();
@@ -405,9 +423,9 @@ export class World3d {
 
   // How much is drawn, at `now` in milliseconds: all when nothing moves, else as much as leaves it fluent.
   thin(now) {
-    const moving = now - this.moved < STILL, { count } = this.world.points;
+    const moving = now - this.moved < STILL, { count, positions } = this.world.points;
     if (moving) this.pace(now - (this.drawn ?? now), count);
-    const part = moving ? this.detail : 1, wanted = Math.ceil(part * count);
+    const part = moving ? this.detail : 1, wanted = Math.min(Math.ceil(part * count), positions.length / 3);
     const plain = moving && this.software && this.shown.path && !this.coarsePath.empty;
     if (this.points.geometry.drawRange.count !== wanted) this.dirty = true;
     this.points.geometry.setDrawRange(0, wanted);

@@ -166,7 +166,7 @@ class HttpServer : public PageServer {
     if (!answers_.data) return;
     server_.Get("/data", [this](const httplib::Request&, httplib::Response& response) {
       DataAnswer data = answers_.data();
-      answer(response, std::move(data.text), "application/json", data.sent);
+      answer(response, std::move(data.text), "application/jsonl", data.sent);
     });
   }
 

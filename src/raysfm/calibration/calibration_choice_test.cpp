@@ -187,6 +187,36 @@ TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
   EXPECT_TRUE(finds(480, 480, kRight, 6));
 }
 
+// Of a lens that was known to 2 %, and a map that tells a readout and, to a part of `sigma`, another focal
+// length and height of the principal point, neither of which is significantly off.
+CalibrationChoice choice_of_bent_lens(bool without_shutter, double sigma) {
+  const RigParameters unknowns(
+      pinhole_rig(), 1,
+      {.focal = 0.02, .centre = 0.002, .readout = 0.02, .without_shutter = without_shutter});
+  const int readout = unknowns.size() - 2;
+  Eigen::VectorXd truth = Eigen::VectorXd::Zero(unknowns.size());
+  Eigen::VectorXd deviation = Eigen::VectorXd::Constant(unknowns.size(), INFINITY);
+  truth[kFocal] = -0.05, truth[kCy] = 15, truth[readout] = 0.03;
+  deviation[kFocal] = sigma, deviation[kCy] = 300 * sigma, deviation[readout] = 0.001;
+  CalibrationEvidence evidence = evidence_for(truth, deviation);
+  evidence.lens_scatter = evidence.scatter;
+  return choose_calibration(unknowns, evidence);
+}
+
+TEST_F(ChoiceTest, ALensFoundWithoutAShutterIsFoundAnewWhereOneRolls) {
+  constexpr double kSurer = 0.012, kVaguer = 0.02;
+  const CalibrationChoice found = choice_of_bent_lens(true, kSurer);
+  EXPECT_NEAR(found.values[kFocal], -0.05, 0.005);
+  EXPECT_NEAR(found.values[kCy], 15, 2);
+  // Not where the map tells it less well than it was known, nor a lens that was calibrated.
+  for (const CalibrationChoice& kept :
+       {choice_of_bent_lens(true, kVaguer), choice_of_bent_lens(false, kSurer)}) {
+    EXPECT_EQ(kept.values[kFocal], 0);
+    EXPECT_EQ(kept.values[kCy], 0);
+    EXPECT_NEAR(kept.values[kept.values.size() - 2], 0.03, 0.001);
+  }
+}
+
 // Pixels are square or, of squeezed images, anything: 4 % off is found as it is, 0.5 % is held back.
 TEST_F(ChoiceTest, SqueezedImagesAreNoticed) {
   sigma[kAspect] = 0.005;

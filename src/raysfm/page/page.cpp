@@ -13,7 +13,7 @@ namespace {
 
 // In the order in which the page has them.
 constexpr std::string_view kSources = "RAYSFM-SOURCES", kTitle = "<!--RAYSFM-TITLE-->",
-                           kData = "<!--RAYSFM-DATA-->";
+                           kData = "<!--RAYSFM-DATA-->", kRest = "<!--RAYSFM-REST-->";
 
 std::string escaped(std::string_view text) {
   std::string html;
@@ -60,7 +60,9 @@ Result<std::string> page_html(const Reconstruction& reconstruction, const PageIn
   };
   put(kSources, served ? "connect-src 'self'; " : "");
   put(kTitle, escaped(info.title));
-  put(kData, page_data(reconstruction, info));
+  const PageData data = page_data(reconstruction, info);
+  put(kData, data.first);
+  put(kRest, data.rest);
   text += rest;
   return text;
 }

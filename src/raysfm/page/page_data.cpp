@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -19,7 +20,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMostPoints = 300000;
+constexpr size_t kMostPoints = 300000;  // of a world
+constexpr size_t kFirstPoints = 30000;  // of all: what viewer/src/scene.js draws first
 
 const char* command_of(Origin origin) {
   if (origin == Origin::kTrack) return "track";
@@ -35,6 +37,9 @@ struct Numbers {
     for (const double number : v) add(number);
   }
   std::string text() const { return base64(bytes); }
+  // Of so many groups of three at the beginning, and of what is behind them.
+  std::string first(size_t count) const { return base64(bytes.substr(0, 3 * sizeof(T) * count)); }
+  std::string rest(size_t count) const { return base64(bytes.substr(3 * sizeof(T) * count)); }
 };
 
 // Directions of the border of the image, inwards where its rim sees nothing; in the rig. Those of a camera
@@ -205,31 +210,52 @@ Box box_of(const Reconstruction& world) {
   return box;
 }
 
-Json points_json(const Reconstruction& world) {
+// Points of a world as the page shows them, in an order of which any beginning is spread evenly.
+struct PagePoints {
+  Json numbers;
+  size_t count = 0;
+  Numbers<uint16_t> xyz;
+  Numbers<uint8_t> rgb;
+};
+
+// Numbers up to `count` as those come whose bits, read from the right to the left, count up.
+std::vector<size_t> evenly_spread(size_t count) {
+  std::vector<size_t> order;
+  order.reserve(count);
+  const size_t end = std::bit_ceil(count);
+  size_t number = 0;
+  for (size_t i = 0; i < end; ++i) {
+    if (number < count) order.push_back(number);
+    size_t bit = end / 2;
+    for (; (number & bit) != 0; bit /= 2) number ^= bit;
+    number |= bit;
+  }
+  return order;
+}
+
+PagePoints page_points(const Reconstruction& world) {
   const Box box = box_of(world);
   std::vector<const MapPoint*> near;
   for (const MapPoint& point : world.points) {
     if (box.contains(point.position)) near.push_back(&point);
   }
-  const size_t count = std::min(near.size(), kMostPoints);
-  Numbers<uint16_t> xyz;
-  Numbers<uint8_t> rgb;
-  for (size_t i = 0; i < count; ++i) {
-    const MapPoint& point = *near[i * near.size() / count];
+  PagePoints points;
+  points.count = std::min(near.size(), kMostPoints);
+  for (const size_t i : evenly_spread(points.count)) {
+    const MapPoint& point = *near[i * near.size() / points.count];
     const Eigen::Vector3d part = (point.position - box.low).cwiseQuotient(box.high - box.low);
-    xyz.add(Eigen::Vector3d((65535 * part).array().round()));
-    for (const uint8_t channel : point.rgb) rgb.add(channel);
+    points.xyz.add(Eigen::Vector3d((65535 * part).array().round()));
+    for (const uint8_t channel : point.rgb) points.rgb.add(channel);
   }
-  return {{"count", count},
-          {"all", near.size()},
-          {"far", world.points.size() - near.size()},
-          {"low", {box.low.x(), box.low.y(), box.low.z()}},
-          {"high", {box.high.x(), box.high.y(), box.high.z()}},
-          {"xyz", xyz.text()},
-          {"rgb", rgb.text()}};
+  points.numbers = {{"count", points.count},
+                    {"all", near.size()},
+                    {"far", world.points.size() - near.size()},
+                    {"low", {box.low.x(), box.low.y(), box.low.z()}},
+                    {"high", {box.high.x(), box.high.y(), box.high.z()}}};
+  return points;
 }
 
-Json world_json(const Reconstruction& whole, int segment) {
+Json world_json(const Reconstruction& whole, int segment, PagePoints* points) {
   // The only world is not copied.
   std::optional<Reconstruction> part;
   if (whole.segments.size() > 1) part = world_of(whole, segment);
@@ -238,8 +264,36 @@ Json world_json(const Reconstruction& whole, int segment) {
   json["scale_sigma"] = world.scale_sigma ? Json(*world.scale_sigma) : Json();
   json["frames"] = frames_json(whole, segment);
   json["keyframes"] = keyframes_json(world);
-  json["points"] = points_json(world);
+  *points = page_points(world);
   return json;
+}
+
+// Adds the worlds to what comes first, with the same part of the points of each, and makes the rest.
+Json add_worlds(const Reconstruction& r, Json* first) {
+  Json& worlds = (*first)["worlds"] = Json::array();
+  Json rest = Json::array();
+  std::vector<PagePoints> points;
+  size_t all = 0;
+  for (const int segment : worlds_in_order(r)) {
+    worlds.push_back(world_json(r, segment, &points.emplace_back()));
+    all += points.back().count;
+  }
+  for (size_t w = 0; w < points.size(); ++w) {
+    const PagePoints& p = points[w];
+    const size_t begin = p.count * kFirstPoints / std::max(all, kFirstPoints);
+    Json& json = worlds[w]["points"] = p.numbers;
+    json["xyz"] = p.xyz.first(begin);
+    json["rgb"] = p.rgb.first(begin);
+    rest.push_back({{"xyz", p.xyz.rest(begin)}, {"rgb", p.rgb.rest(begin)}});
+  }
+  return rest;
+}
+
+// No character of it ends a script.
+std::string text_of(const Json& json) {
+  std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
+  for (size_t at = text.find('<'); at != text.npos; at = text.find('<', at)) text.replace(at, 1, "\\u003c");
+  return text;
 }
 
 // Runs of frames without a pose for the same reason.
@@ -297,7 +351,7 @@ Json mesh_json(const PageMesh& mesh) {
 
 }  // namespace
 
-std::string page_data(const Reconstruction& r, const PageInfo& info) {
+PageData page_data(const Reconstruction& r, const PageInfo& info) {
   Json json = {{"title", info.title}, {"command", command_of(r.origin)}, {"total", r.frames.size()}};
   json["rms"] = r.rms_reprojection_px;
   json["posed"] = posed_count(r);
@@ -308,17 +362,14 @@ std::string page_data(const Reconstruction& r, const PageInfo& info) {
   for (const Camera& camera : r.rig.cameras) json["cameras"].push_back(rig_camera_json(camera));
   json["lenses"] = Json::array();
   for (const FrameLens& lens : r.lenses) json["lenses"].push_back(lens_json(lens, r.lenses.size() == 1));
-  json["worlds"] = Json::array();
-  for (const int segment : worlds_in_order(r)) json["worlds"].push_back(world_json(r, segment));
+  const Json rest = add_worlds(r, &json);
   json["missing"] = missing_json(r);
   json["held"] = held_json(r);
   json["closures"] = closures_json(r);
   json["stages"] = stages_json(info);
   json["warnings"] = info.warnings;
   if (info.mesh) json["mesh"] = mesh_json(*info.mesh);
-  std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
-  for (size_t at = text.find('<'); at != text.npos; at = text.find('<', at)) text.replace(at, 1, "\\u003c");
-  return text;
+  return {text_of(json), text_of(rest)};
 }
 
 }  // namespace raysfm

@@ -2,11 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -46,10 +49,15 @@ std::vector<T> unpacked(const std::string& text) {
   return numbers;
 }
 
+// What comes first.
+json first_of(const Reconstruction& r, const PageInfo& info) {
+  return json::parse(page_data(r, info).first);
+}
+
 TEST(Page, FramesAreThoseOfTheResult) {
   Reconstruction r = small_reconstruction({kPinhole, kPinhole});
   for (const int held : {2, 3, 8}) r.frames[held].place_held = true;
-  const json data = json::parse(page_data(r, {.title = "title"}));
+  const json data = first_of(r, {.title = "title"});
   EXPECT_EQ(data["held"], json::parse(R"([{"first": 2, "last": 3}, {"first": 8, "last": 8}])"));
   EXPECT_EQ(data["total"], 12);
   EXPECT_EQ(data["posed"], 11);
@@ -84,47 +92,144 @@ TEST(Page, CamerasThatCannotProjectHaveErrorsToo) {
   ASSERT_TRUE(fit.ok());
   for (Camera& camera : r.rig.cameras) camera.model = fit->camera.model;
   for (Observation& o : r.observations) o.pixel += Eigen::Vector2d(0.3, -0.4);
-  const json data = json::parse(page_data(r, {.title = "title"}));
+  const json data = first_of(r, {.title = "title"});
   const auto errors = unpacked<float>(data["worlds"][0]["keyframes"]["error"]);
   ASSERT_EQ(errors.size(), 4u);
   for (const float error : errors) EXPECT_NEAR(error, 0.5, 0.01);
 }
 
-TEST(Page, PointsAreWithinAStepOfTheirPlace) {
+// A point of a page, within a step of its place.
+struct Shown {
+  Eigen::Vector3d position, step;
+  std::array<uint8_t, 3> rgb;
+};
+
+// Those of world `w` in the order of the page, and how many of them come first.
+struct ShownPoints {
+  json numbers;
+  std::vector<Shown> all;
+  size_t first = 0;
+};
+
+ShownPoints points_of(const PageData& data, size_t w = 0) {
+  ShownPoints points;
+  points.numbers = json::parse(data.first)["worlds"][w]["points"];
+  const auto of = [&](const char* name, int i) { return points.numbers[name][i].get<double>(); };
+  for (const json& part : {points.numbers, json::parse(data.rest)[w]}) {
+    const auto xyz = unpacked<uint16_t>(part["xyz"]);
+    const auto rgb = unpacked<uint8_t>(part["rgb"]);
+    EXPECT_EQ(xyz.size(), rgb.size());
+    for (size_t i = 0; i + 2 < xyz.size(); i += 3) {
+      Shown& shown = points.all.emplace_back();
+      for (int axis = 0; axis < 3; ++axis) {
+        shown.step[axis] = (of("high", axis) - of("low", axis)) / 65535;
+        shown.position[axis] = of("low", axis) + xyz[i + axis] * shown.step[axis];
+        shown.rgb[axis] = rgb[i + axis];
+      }
+    }
+    if (points.first == 0) points.first = points.all.size();
+  }
+  return points;
+}
+
+// Colours tell them apart.
+std::array<uint8_t, 3> coloured(size_t number) {
+  return {static_cast<uint8_t>(number), static_cast<uint8_t>(number >> 8),
+          static_cast<uint8_t>(number >> 16)};
+}
+size_t number_of(const Shown& shown) {
+  return shown.rgb[0] | shown.rgb[1] << 8 | shown.rgb[2] << 16;
+}
+
+// So many points, the same ones again and again, with colours that tell them apart, and no observations.
+Reconstruction with_points(size_t count) {
   Reconstruction r = small_reconstruction({kPinhole});
+  r.observations.clear();
+  for (KeyFrame& keyframe : r.keyframes) keyframe.first_observation = keyframe.last_observation = 0;
+  const std::vector<MapPoint> few = r.points;
+  r.points.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    r.points[i] = few[i % few.size()];
+    r.points[i].rgb = coloured(i);
+  }
+  return r;
+}
+
+TEST(Page, PointsAreWithinAStepOfTheirPlace) {
+  Reconstruction r = with_points(200);
   r.points.push_back({{1e6, 0, 0}, {1, 2, 3}});
-  const json data = json::parse(page_data(r, {.title = "title"}));
-  const json& points = data["worlds"][0]["points"];
-  EXPECT_EQ(points["count"], 200);
-  EXPECT_EQ(points["far"], 1);
-  const auto xyz = unpacked<uint16_t>(points["xyz"]);
-  const auto rgb = unpacked<uint8_t>(points["rgb"]);
-  ASSERT_EQ(xyz.size(), 600u);
-  for (size_t i = 0; i < xyz.size(); ++i) {
-    const double low = points["low"][i % 3], high = points["high"][i % 3];
-    EXPECT_NEAR(low + xyz[i] / 65535.0 * (high - low), r.points[i / 3].position[i % 3], (high - low) / 65535);
-    EXPECT_EQ(rgb[i], r.points[i / 3].rgb[i % 3]);
+  const ShownPoints points = points_of(page_data(r, {.title = "title"}));
+  EXPECT_EQ(points.numbers["count"], 200);
+  EXPECT_EQ(points.numbers["far"], 1);
+  EXPECT_EQ(points.first, 200u);
+  ASSERT_EQ(points.all.size(), 200u);
+  std::set<size_t> numbers;
+  for (const Shown& shown : points.all) {
+    const size_t number = number_of(shown);
+    ASSERT_TRUE(numbers.insert(number).second);
+    ASSERT_LT(number, 200u);
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_NEAR(shown.position[axis], r.points[number].position[axis], shown.step[axis]);
+  }
+}
+
+// A beginning of numbers has no gap of more than twice that of as many at the same distance.
+void expect_evenly_spread(std::vector<size_t> beginning, size_t all) {
+  const size_t most = 2 * all / beginning.size() + 2;
+  beginning.push_back(all);
+  std::ranges::sort(beginning);
+  size_t before = 0;
+  for (const size_t number : beginning) {
+    EXPECT_LE(number - before, most) << "at " << number << " of " << beginning.size() - 1;
+    before = number;
+  }
+}
+
+TEST(Page, AFewPointsComeFirstAndTheRestAfterThem) {
+  for (const size_t count : {1u, 2u, 3u, 7u, 1000u, 30000u, 30001u, 100000u}) {
+    const ShownPoints points = points_of(page_data(with_points(count), {.title = "title"}));
+    EXPECT_EQ(points.first, std::min<size_t>(count, 30000));
+    ASSERT_EQ(points.all.size(), count);
+    std::vector<size_t> numbers(count);
+    std::ranges::transform(points.all, numbers.begin(), number_of);
+    for (size_t part = 1; part <= count; part *= 3)
+      expect_evenly_spread({numbers.begin(), numbers.begin() + static_cast<std::ptrdiff_t>(part)}, count);
+    std::ranges::sort(numbers);
+    for (size_t i = 0; i < count; ++i) ASSERT_EQ(numbers[i], i) << count;
   }
 }
 
 TEST(Page, ManyPointsAreThinned) {
-  Reconstruction r = small_reconstruction({kPinhole});
-  const std::vector<MapPoint> points = r.points;
-  while (r.points.size() < 750000) r.points.insert(r.points.end(), points.begin(), points.end());
-  const std::string text = page_data(r, {.title = "title"});
-  EXPECT_LT(text.size(), 4u << 20);
-  const json data = json::parse(text);
-  EXPECT_EQ(data["worlds"][0]["points"]["count"], 300000);
-  EXPECT_EQ(data["worlds"][0]["points"]["all"], 750000);
+  const PageData data = page_data(with_points(750000), {.title = "title"});
+  EXPECT_LT(data.first.size() + data.rest.size(), 4u << 20);
+  const ShownPoints shown = points_of(data);
+  EXPECT_EQ(shown.numbers["count"], 300000);
+  EXPECT_EQ(shown.numbers["all"], 750000);
+  ASSERT_EQ(shown.all.size(), 300000u);
+  std::vector<size_t> numbers(shown.all.size());
+  std::ranges::transform(shown.all, numbers.begin(), number_of);
+  expect_evenly_spread(numbers, 750000);
+}
+
+TEST(Page, WorldsShareWhatComesFirst) {
+  Reconstruction r = with_points(80000);
+  r.segments.push_back(r.segments.front());
+  for (size_t p = 60000; p < r.points.size(); ++p) r.points[p].segment = 1;
+  for (size_t f = 9; f < r.frames.size(); ++f) r.frames[f].segment = 1;
+  const PageData data = page_data(r, {.title = "title"});
+  const ShownPoints first = points_of(data, 0), second = points_of(data, 1);
+  EXPECT_EQ(first.all.size() + second.all.size(), 80000u);
+  EXPECT_EQ(first.first, 22500u);
+  EXPECT_EQ(second.first, 7500u);
 }
 
 TEST(Page, LensesAndCameras) {
-  const json solved = json::parse(page_data(small_solved_reconstruction(true, {}), {.title = "title"}));
+  const json solved = first_of(small_solved_reconstruction(true, {}), {.title = "title"});
   ASSERT_EQ(solved["lenses"].size(), 11u);
   EXPECT_DOUBLE_EQ(solved["lenses"][3]["focal"][0], 501);
   EXPECT_EQ(unpacked<int32_t>(solved["worlds"][0]["frames"]["lens"])[3], 3);
   // The border of a pinhole, at distance one: corners at (x - cx) / fx.
-  const json tracked = json::parse(page_data(small_reconstruction({kPinhole}), {.title = "title"}));
+  const json tracked = first_of(small_reconstruction({kPinhole}), {.title = "title"});
   EXPECT_NEAR(tracked["cameras"][0]["directions"][0][0].get<double>(), -319.5 / 500, 1e-6);
   EXPECT_NEAR(tracked["cameras"][0]["directions"][0][1].get<double>(), -239.5 / 510, 1e-6);
 }
@@ -132,7 +237,7 @@ TEST(Page, LensesAndCameras) {
 // Pixel (x, y) of a pinhole looks along ((x - cx) / fx, (y - cy) / fy, 1), turned and shifted into the rig.
 TEST(Page, RaysAreThoseOfTheCamera) {
   const Reconstruction r = small_reconstruction({kPinhole, kPinhole});
-  const json data = json::parse(page_data(r, {}));
+  const json data = first_of(r, {});
   const json& camera = data["cameras"][1];
   const int columns = camera["grid"][0], rows = camera["grid"][1];
   const auto rays = unpacked<float>(camera["rays"]);
@@ -151,7 +256,7 @@ TEST(Page, RaysAreThoseOfTheCamera) {
 TEST(Page, ClosuresSigmasAndTimes) {
   Reconstruction r = small_reconstruction({kPinhole});
   r.closures = {{9, 1, 33, false, 0.1}, {11, -1, 20, true, 0}};
-  const json data = json::parse(page_data(r, {.title = "", .stages = {{"detect", 2.5, 7, 12}}}));
+  const json data = first_of(r, {.title = "", .stages = {{"detect", 2.5, 7, 12}}});
   EXPECT_EQ(data["closures"], json::parse(R"([{"frame": 9, "with": 1, "inliers": 33, "joined": false},
                                               {"frame": 11, "with": -1, "inliers": 20, "joined": true}])"));
   EXPECT_EQ(data["stages"], json::parse(R"([{"name": "detect", "mean": 2.5, "max": 7.0, "count": 12}])"));
@@ -159,7 +264,7 @@ TEST(Page, ClosuresSigmasAndTimes) {
   Reconstruction solved = small_solved_reconstruction(true, {});
   solved.lenses[3].sigma[0] = 1.5;
   solved.lenses[4].sigma[0] = std::numeric_limits<double>::infinity();
-  const json lenses = json::parse(page_data(solved, {}))["lenses"];
+  const json lenses = first_of(solved, {})["lenses"];
   EXPECT_EQ(lenses[3]["sigma"], 1.5);
   EXPECT_FALSE(lenses[4].contains("sigma"));
 }
@@ -179,7 +284,7 @@ TEST(Page, WhatTheReportSaysComesBack) {
   EXPECT_EQ(read_page_info(temporary.path()).title, "street.mp4 · " + folder);
   for (const PageInfo& info : {page_info(report), read_page_info(temporary.path())}) {
     EXPECT_EQ(info.warnings, report.warnings);
-    const json data = json::parse(page_data(small_reconstruction({kPinhole}), info));
+    const json data = first_of(small_reconstruction({kPinhole}), info);
     EXPECT_EQ(data["warnings"], json(report.warnings));
     const std::vector<StageTime>& times = info.stages;
     ASSERT_EQ(times.size(), 2u);
@@ -212,14 +317,16 @@ TEST(Page, NoNameEndsTheScript) {
   const std::string title = "</script><script>alert('\"&')</script><!-- \xc3\xa4 \xff";
   Reconstruction r = small_reconstruction({kPinhole});
   r.rig.cameras[0].name = r.frames[5].reason = title;
-  const std::string data = page_data(r, {.title = title});
-  EXPECT_EQ(data.find('<'), std::string::npos);
-  EXPECT_EQ(json::parse(page_data(r, {.title = "</script>"}))["title"], "</script>");
+  const PageData data = page_data(r, {.title = title});
+  EXPECT_EQ(data.first.find('<'), std::string::npos);
+  EXPECT_EQ(first_of(r, {.title = "</script>"})["title"], "</script>");
   if (!has_page()) GTEST_SKIP() << "this build has no page";
   const std::string html = *page_html(r, {.title = title}, false);
   EXPECT_EQ(html.find("<script>alert"), std::string::npos);
   EXPECT_NE(html.find("<title>&lt;/script&gt;&lt;script&gt;alert(&#39;&quot;&amp;&#39;)"), std::string::npos);
-  EXPECT_NE(html.find(data), std::string::npos);
+  const size_t script = html.find("<script>"), first = html.find(data.first);
+  EXPECT_LT(first, script);
+  EXPECT_NE(html.find(data.rest, script), std::string::npos);
   EXPECT_LT(html.size(), 2u << 20);
 }
 
@@ -238,7 +345,7 @@ TEST(Page, NothingHasAPose) {
   Reconstruction r;
   r.frames.resize(3);
   for (PosedFrame& frame : r.frames) frame.reason = "black";
-  const json data = json::parse(page_data(r, {.title = "title"}));
+  const json data = first_of(r, {.title = "title"});
   EXPECT_TRUE(data["worlds"].empty());
   EXPECT_EQ(data["missing"].size(), 1u);
 }
@@ -270,10 +377,10 @@ TEST(PageMesh, IsReadAndPutIntoThePage) {
   EXPECT_EQ(mesh->jpeg, "a picture");
   PageInfo info;
   info.mesh = *mesh;
-  const json page = json::parse(page_data(small_reconstruction({kPinhole}), info));
+  const json page = first_of(small_reconstruction({kPinhole}), info);
   EXPECT_EQ(page["mesh"]["world"], 1);
   EXPECT_EQ(page["mesh"]["texture"], "YSBwaWN0dXJl");
-  EXPECT_FALSE(json::parse(page_data(small_reconstruction({kPinhole}), {})).contains("mesh"));
+  EXPECT_FALSE(first_of(small_reconstruction({kPinhole}), {}).contains("mesh"));
 }
 
 TEST(PageMesh, DamageIsNamed) {
