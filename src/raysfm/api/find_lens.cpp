@@ -251,12 +251,8 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   return telling;
 }
 
-const std::optional<FoundLens>& surer(const std::optional<FoundLens>& a, const std::optional<FoundLens>& b) {
-  return a && (!b || a->prior.focal < b->prior.focal) ? a : b;
-}
-
-bool is_better(const Telling& a, const Telling& b) {
-  return a.lens && &surer(a.lens, b.lens) == &a.lens;
+bool is_surer(const std::optional<FoundLens>& a, const std::optional<FoundLens>& b) {
+  return a && (!b || a->prior.focal < b->prior.focal);
 }
 
 std::string described(const Telling& telling, int end) {
@@ -317,9 +313,9 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     begin += static_cast<int>(stretch->names.size());
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
-    const std::optional<FoundLens> vague = surer(telling.vague, best.vague);
-    if (i == 0 || is_better(telling, best)) best = telling;
-    best.vague = vague;
+    std::optional<FoundLens> vague = is_surer(telling.vague, best.vague) ? telling.vague : best.vague;
+    if (i == 0 || is_surer(telling.lens, best.lens)) best = telling;
+    best.vague = std::move(vague);
     if ((telling.zooms && telling.lens) || (best.lens && best.lens->prior.focal <= kSure)) break;
   }
   return best;

@@ -46,7 +46,9 @@ class FrameLimit : public TrackWatcher {
 
 // The lens at which tracking from a guess ends, where its map tells it.
 std::optional<FoundLens> refined_guess(const TrackSettings& settings, const TrackCallbacks& callbacks,
-                                       const FoundLens& guess) {
+                                       FoundLens guess) {
+  guess.prior = kGuessed;
+  guess.is_guess = true;
   FrameLimit limit(callbacks);
   TrackCallbacks unheard;
   unheard.stop = &limit.stop;
@@ -66,16 +68,25 @@ std::optional<FoundLens> refined_guess(const TrackSettings& settings, const Trac
   return lens;
 }
 
+// No lens is surer than it is far from what else was found, as a part of the focal length.
+void doubt(double apart, FoundLens* lens) {
+  lens->origin.focal_sigma = std::max(lens->origin.focal_sigma, apart);
+  lens->prior.focal = std::max(lens->prior.focal, lens->origin.focal_sigma);
+}
+
+double apart(const FoundLens& a, const FoundLens& b) {
+  return std::abs(std::log(a.origin.focal / b.origin.focal));
+}
+
 // The one whose map is surest, where all say the same.
 std::optional<FoundLens> agreement(const std::vector<FoundLens>& found) {
   const auto focal_sigma = [](const FoundLens& lens) { return lens.origin.focal_sigma; };
   FoundLens best = *std::ranges::min_element(found, {}, focal_sigma);
   for (const FoundLens& other : found) {
-    const double apart = std::abs(std::log(other.origin.focal / best.origin.focal));
-    if (apart > kAgree) return std::nullopt;
-    best.origin.focal_sigma = std::max(best.origin.focal_sigma, apart);
+    const double off = apart(other, best);
+    if (off > kAgree) return std::nullopt;
+    doubt(off, &best);
   }
-  best.prior.focal = std::max(best.prior.focal, best.origin.focal_sigma);
   return best;
 }
 
@@ -83,15 +94,11 @@ std::optional<FoundLens> agreement(const std::vector<FoundLens>& found) {
 std::optional<FoundLens> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
                                        const FoundLens& vague) {
   if (!(vague.origin.focal_sigma <= kMostVague)) return std::nullopt;
-  FoundLens guess = vague;
-  guess.prior = kGuessed;
-  guess.is_guess = true;
-  std::optional<FoundLens> lens = refined_guess(settings, callbacks, guess);
+  std::optional<FoundLens> lens = refined_guess(settings, callbacks, vague);
   if (!lens) return std::nullopt;
-  const double apart = std::abs(std::log(lens->origin.focal / vague.origin.focal));
-  if (apart > kNear) return std::nullopt;
-  lens->origin.focal_sigma = std::max(lens->origin.focal_sigma, apart);
-  lens->prior.focal = std::max(lens->prior.focal, lens->origin.focal_sigma);
+  const double off = apart(*lens, vague);
+  if (off > kNear) return std::nullopt;
+  doubt(off, &*lens);
   return lens;
 }
 
@@ -365,8 +372,6 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
   }
   for (int round = 0; round < kMostGuesses; ++round) {
     for (FoundLens& lens : lenses) {
-      lens.prior = kGuessed;
-      lens.is_guess = true;
       const std::optional<FoundLens> refined = refined_guess(quiet, callbacks, lens);
       if (!refined) return std::nullopt;
       lens = *refined;

@@ -116,6 +116,23 @@ std::vector<int> places_in(const std::vector<int>& all, const std::vector<int>& 
   return places;
 }
 
+// Leaves of the unknowns that are told those that are surely off, or those that were changed before, unless
+// the others are far likelier.
+Posterior keep_the_insignificant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                                 std::vector<int>* open) {
+  const std::vector<int> told = *open;
+  std::vector<int> kept = told;
+  Posterior posterior = significant(e, prior_sigma, {}, open);
+  if (e.at.isZero(0) || told.empty()) return posterior;
+  Posterior as_before = significant(e, prior_sigma, e.at, &kept);
+  const LinearEvidence linear(e, prior_sigma, told);
+  const double gain =
+      linear.log_evidence(places_in(told, *open)) - linear.log_evidence(places_in(told, kept));
+  if (gain >= kSurelyAnother) return posterior;
+  *open = std::move(kept);
+  return as_before;
+}
+
 // `takes_all`: numbers that are told are changed though they are not significantly off, as nothing speaks for
 // the given ones.
 CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence,
@@ -140,18 +157,7 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     choice.likeliest[open[k]] = prior_sigma[open[k]] * posterior.values[k];
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
-  const std::vector<int> told = open;
-  std::vector<int> kept = open;
-  if (!takes_all) posterior = significant(evidence, prior_sigma, {}, &open);
-  if (!takes_all && !evidence.at.isZero(0) && !told.empty()) {
-    const Posterior as_before = significant(evidence, prior_sigma, evidence.at, &kept);
-    const LinearEvidence linear(evidence, prior_sigma, told);
-    if (linear.log_evidence(places_in(told, open)) <
-        linear.log_evidence(places_in(told, kept)) + kSurelyAnother) {
-      posterior = as_before;
-      open = kept;
-    }
-  }
+  if (!takes_all) posterior = keep_the_insignificant(evidence, prior_sigma, &open);
   for (size_t k = 0; k < open.size(); ++k) {
     const int i = open[k];
     choice.values[i] = prior_sigma[i] * posterior.values[k];
