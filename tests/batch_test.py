@@ -308,7 +308,7 @@ class Local(BatchTest):
 
     def test_what_a_killed_batch_has_left_running_is_waited_for(self):
         """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
-        videos = self.list_with_a_long_one(250)
+        videos = self.list_with_a_long_one(1000)
         command = [program.PROGRAM, "batch", videos, "--out", self.out, "--jobs", "1"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
             log = self.out / "batch/long.log"

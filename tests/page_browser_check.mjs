@@ -117,6 +117,7 @@ async function late() {
   await isSeen();
   const state = async () => {
     await settle();
+    await page.waitForFunction(() => window.page.view.whole);  // a slow machine draws a part while anything moves
     return { ...(await drawn()), ...(await page.evaluate(() => {
       const { view, state: { frame } } = window.page, { geometry } = view.points;
       return { points: geometry.drawRange.count, coloured: geometry.attributes.color.count, frame, byHeight: view.byHeight,

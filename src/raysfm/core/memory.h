@@ -1,6 +1,5 @@
 #pragma once
 
-#include <malloc.h>
 #include <sys/resource.h>
 
 #include <cstddef>
@@ -13,11 +12,6 @@ inline double peak_rss_mib() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_maxrss) / 1024.0;
-}
-
-// Gives what was freed back to the system, where it lies in whole pages.
-inline void return_freed_memory() {
-  malloc_trim(0);
 }
 
 // Whether so many bytes could be had now. Decoders of others call an image damaged that they found no room

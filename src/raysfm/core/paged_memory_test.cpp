@@ -16,6 +16,7 @@
 
 #include "raysfm/core/random.h"
 #include "raysfm/core/slab_allocator.h"
+#include "support/own_process.h"
 
 namespace raysfm {
 namespace {
@@ -28,16 +29,6 @@ size_t resident() {
   size_t all = 0, any = 0, of_files = 0;
   std::ifstream("/proc/self/statm") >> all >> any >> of_files;
   return of_files * 4096;
-}
-
-// Memory is paged for the rest of a process: each of these has one of its own, which says what failed.
-void run_alone(void (*test)()) {
-  EXPECT_EXIT(
-      {
-        test();
-        std::exit(testing::Test::HasFailure() ? 1 : 0);
-      },
-      testing::ExitedWithCode(0), "");
 }
 
 void start_paging() {
@@ -178,12 +169,6 @@ long pages_touched() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return usage.ru_minflt;
-}
-
-bool has_large_pages() {
-  std::string setting;
-  std::getline(std::ifstream("/sys/kernel/mm/transparent_hugepage/enabled") >> std::ws, setting);
-  return setting.find("[never]") == std::string::npos && !setting.empty();
 }
 
 TEST(LargeArray, TouchesFewPages) {

@@ -7,8 +7,8 @@
 #include <cassert>
 #include <utility>
 
+#include "raysfm/core/heap.h"
 #include "raysfm/core/median.h"
-#include "raysfm/core/memory.h"
 #include "raysfm/geometry/interpolation.h"
 #include "raysfm/views/blindness.h"
 #include "raysfm/views/dead_features.h"
