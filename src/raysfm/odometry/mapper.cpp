@@ -547,7 +547,7 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
     case Adaption::kOneSeries:
-      adjuster_.adjust_and_update(problem, kAdaption, kInlierError);
+      adjuster_.adjust_and_update(problem, kFirstAdaption, kInlierError);
       break;
     case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
