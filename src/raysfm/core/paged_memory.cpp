@@ -31,7 +31,8 @@ constexpr size_t kMostAligned = 1 << 20;
 constexpr size_t kLeastPaged = 64 << 10;  // smaller arrays are left to the heap, and not counted
 constexpr size_t kLargePage = 2 << 20;
 constexpr size_t kMostWasted = 128 << 10;  // bytes of the last large page of a block
-constexpr size_t kLeastInLargePages = kLargePage - kMostWasted;
+// Smaller blocks lie in the heap (heap.h), where to align them would bring in a large page on either side.
+constexpr size_t kLeastInLargePages = 2 * kLargePage - kMostWasted;
 constexpr std::align_val_t kCacheLine{64}, kLargePageLine{kLargePage};
 constexpr std::chrono::milliseconds kWatched{2};
 
