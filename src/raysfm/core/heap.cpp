@@ -22,8 +22,9 @@ uintptr_t end_of_heap() {
   return reinterpret_cast<uintptr_t>(::sbrk(0));
 }
 
-// Nothing in the library says so but an environment variable that is read before main(): what the heap grows
-// by is asked for by hand. Where that much is refused, the block is null and nothing has changed.
+// The C library asks for large pages where an environment variable says so that it reads before main(). Here
+// the heap is made to grow once, by all of it, and the pages are asked for by hand. Where so much is refused,
+// the block is null and nothing has changed.
 void reserve() {
   const auto page = static_cast<uintptr_t>(::getpagesize());
   const uintptr_t begin = (end_of_heap() + page - 1) / page * page;
