@@ -1,5 +1,6 @@
 """`raysfm batch`, on this machine and on clusters of it: batch_test.py PROGRAM [unittest arguments]."""
 import csv
+import ctypes
 import json
 import os
 import pathlib
@@ -309,6 +310,9 @@ class Local(BatchTest):
     def test_what_a_killed_batch_has_left_running_is_waited_for(self):
         """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
         videos = self.list_with_a_long_one(1000)
+        # Orphans of this session go to this process: to one of another session they would be woken by the kernel as their batch ends.
+        PR_SET_CHILD_SUBREAPER = 36
+        self.assertEqual(ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0), 0)
         command = [program.PROGRAM, "batch", videos, "--out", self.out, "--jobs", "1"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
             log = self.out / "batch/long.log"
@@ -321,7 +325,9 @@ class Local(BatchTest):
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as again:
             while not (self.out / f"batch/{NAMES[2]}.json").exists():
                 time.sleep(0.01)
+            self.assertEqual(os.waitpid(job, os.WNOHANG), (0, 0), "not stopped any more")
             os.kill(job, signal.SIGCONT)
+            os.waitpid(job, 0)
             said = again.communicate(timeout=120)
         self.assertEqual(again.returncode, 0, said)
         self.assertEqual(run("track", self.folder / "long", "--out", self.folder / "alone", "--quiet").returncode, 0)
