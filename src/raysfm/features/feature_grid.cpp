@@ -7,7 +7,7 @@ namespace {
 
 // Cell of a coordinate, 0 to cells - 1. Written so that a NaN gives 0.
 int cell_of(float coordinate, int shift, int cells) {
-  const float cell = std::floor(coordinate) / static_cast<float>(1 << shift);
+  const float cell = coordinate / static_cast<float>(1 << shift);
   if (!(cell > 0)) return 0;
   return cell >= static_cast<float>(cells) ? cells - 1 : static_cast<int>(cell);
 }
@@ -28,9 +28,9 @@ void FeatureGrid::build(std::span<const Eigen::Vector2f> pixels, int begin, int 
   for (int i = begin; i < end; ++i) ++starts_[cell(pixels[i]) + 2];
   for (size_t c = 2; c < starts_.size(); ++c) starts_[c] += starts_[c - 1];
   size_ = end - begin;
-  indices_.resize(size_);
-  xs_.resize(size_);
-  ys_.resize(size_);
+  indices_.resize(size_ + kBeyond);
+  xs_.resize(size_ + kBeyond);
+  ys_.resize(size_ + kBeyond);
   for (int i = begin; i < end; ++i) {
     const int place = starts_[cell(pixels[i]) + 1]++;
     indices_[place] = i;

@@ -45,7 +45,9 @@ class FeatureGrid {
     }
   }
 
-  // Pixels by cell, and their indices in the span given to build().
+  // Pixels by cell, and their indices in the span given to build(). Behind the last of each, kBeyond more may
+  // be read, and are of no pixel.
+  static constexpr int kBeyond = 64;
   const float* xs() const { return xs_.data(); }
   const float* ys() const { return ys_.data(); }
   const int* indices() const { return indices_.data(); }

@@ -13,20 +13,31 @@ namespace raysfm {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Writes the indices of the pixels within the radius to `found`, with room for one behind the last, and
+const hn::CappedTag<float, FeatureGrid::kBeyond> kPlaces;
+
+// Writes the indices of the pixels within the radius to `found`, with room for FeatureGrid::kBeyond
+// behind the last, and
 // returns how many. Without branches, since nearly half of the tests fail.
 int find_within(const FeatureGrid& grid, const Eigen::Vector2f& centre, float radius,
                 int* HWY_RESTRICT found) {
-  const float x = centre.x(), y = centre.y(), limit = radius * radius;
-  int count = 0;
+  const hn::Rebind<int32_t, decltype(kPlaces)> ints;
+  const int lanes = static_cast<int>(hn::Lanes(kPlaces));
+  const auto x = hn::Set(kPlaces, centre.x()), y = hn::Set(kPlaces, centre.y());
+  const auto limit = hn::Set(kPlaces, radius * radius);
+  const float *xs = grid.xs(), *ys = grid.ys();
+  const int* indices = grid.indices();
+  size_t count = 0;
   grid.for_each_run(centre, radius, [&](int begin, int end) HWY_ATTR {
-    for (int k = begin; k < end; ++k) {
-      const float dx = grid.xs()[k] - x, dy = grid.ys()[k] - y;
-      found[count] = grid.indices()[k];
-      count += dx * dx + dy * dy <= limit;
+    for (int k = begin; k < end; k += lanes) {
+      const auto dx = hn::Sub(hn::LoadU(kPlaces, xs + k), x), dy = hn::Sub(hn::LoadU(kPlaces, ys + k), y);
+      const auto is_near = hn::Le(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), limit);
+      const auto is_of_run = hn::FirstN(kPlaces, static_cast<size_t>(end - k));
+      const auto both = hn::RebindMask(ints, hn::And(is_near, is_of_run));
+      hn::StoreU(hn::Compress(hn::LoadU(ints, indices + k), both), ints, found + count);
+      count += hn::CountTrue(ints, both);
     }
   });
-  return count;
+  return static_cast<int>(count);
 }
 
 // scores[c] = ZNCC of patch `q` of the queries with patch candidates[c] of `train`, zero where negative. The
@@ -104,7 +115,7 @@ void ZnccMatcher::match(const PatchSet& query, std::span<const Eigen::Vector2f> 
   best_of_query_.assign(query.size(), 0);
   second_of_query_.assign(query.size(), 0);
   best_of_train_.assign(train.size(), 0);
-  candidates_.resize(train_pixels.size() + 1);
+  candidates_.resize(train_pixels.size() + FeatureGrid::kBeyond);
   scores_.resize(train_pixels.size());
 
   for (int q = 0; q < query.size(); ++q) {

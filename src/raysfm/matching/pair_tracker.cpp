@@ -14,8 +14,8 @@ constexpr float kRadius = 0.03f;
 constexpr float kMinCoarseZncc = 0.6f;
 constexpr float kTurnedShare = 0.5f;  // of the matches before: fewer ask for the motion of the whole image
 constexpr int kMaxMissed = 2;
-constexpr int kColumns = 8, kRows = 6;  // cells whose matches share a motion
-constexpr size_t kEnoughInCell = 5;     // matches that tell it
+constexpr int kColumns = 8, kRows = 6, kCells = kColumns * kRows;  // cells whose matches share a motion
+constexpr size_t kEnoughInCell = 5;                                // matches that tell it
 // Of the corners of a cell: where fewer are matched, the others may have moved in another way.
 constexpr float kForeseenShare = 0.5f;
 
@@ -26,6 +26,20 @@ int cell_of(const Eigen::Vector2f& pixel, float width, float height) {
 }
 
 }  // namespace
+
+void PairTracker::Steps::clear() {
+  u.clear();
+  v.clear();
+}
+
+void PairTracker::Steps::add(const Eigen::Vector2f& step) {
+  u.push_back(step.x());
+  v.push_back(step.y());
+}
+
+Eigen::Vector2f PairTracker::Steps::median() {
+  return {median_of(&u), median_of(&v)};
+}
 
 PairTracker::PairTracker(ViewPtr base, int camera, int every)
     : base_(std::move(base)), newest_(base_), camera_(camera), every_(every) {
@@ -109,8 +123,11 @@ void PairTracker::update(const CameraView& next) {
 
   // Motion since the view before: the median of the matches of a cell, for those that were not matched.
   const float width = static_cast<float>(next.width), height = static_cast<float>(next.height);
-  std::vector<float> du[kColumns * kRows], dv[kColumns * kRows], all_du, all_dv, displacement;
-  int corners[kColumns * kRows] = {};
+  steps_of_cell_.resize(kCells);
+  for (Steps& steps : steps_of_cell_) steps.clear();
+  all_steps_.clear();
+  displacements_.clear();
+  int corners[kCells] = {};
   for (size_t i = 0; i < place_.size(); ++i) {
     if (missed_[i] > kMaxMissed) continue;
     const int cell = cell_of(place_[i], width, height);
@@ -118,22 +135,20 @@ void PairTracker::update(const CameraView& next) {
     if (matches[i] < 0) continue;
     const Eigen::Vector2f pixel = next.features.pixels[matches[i]];
     const Eigen::Vector2f step = pixel - place_[i];
-    du[cell].push_back(step.x());
-    dv[cell].push_back(step.y());
-    all_du.push_back(step.x());
-    all_dv.push_back(step.y());
-    displacement.push_back((pixel - base().features.pixels[i]).norm());
+    steps_of_cell_[cell].add(step);
+    all_steps_.add(step);
+    displacements_.push_back((pixel - base().features.pixels[i]).norm());
   }
-  const Eigen::Vector2f overall(median_of(&all_du), median_of(&all_dv));
-  Eigen::Vector2f motion[kColumns * kRows];
-  bool foreseen[kColumns * kRows];
-  for (int c = 0; c < kColumns * kRows; ++c) {
-    foreseen[c] = du[c].size() >= std::max(static_cast<float>(kEnoughInCell),
-                                           kForeseenShare * static_cast<float>(corners[c]));
-    motion[c] =
-        du[c].size() >= kEnoughInCell ? Eigen::Vector2f(median_of(&du[c]), median_of(&dv[c])) : overall;
+  const Eigen::Vector2f overall = all_steps_.median();
+  Eigen::Vector2f motion[kCells];
+  bool foreseen[kCells];
+  for (int c = 0; c < kCells; ++c) {
+    const size_t matched = steps_of_cell_[c].u.size();
+    foreseen[c] = static_cast<float>(matched) >= std::max(static_cast<float>(kEnoughInCell),
+                                                          kForeseenShare * static_cast<float>(corners[c]));
+    motion[c] = matched >= kEnoughInCell ? steps_of_cell_[c].median() : overall;
   }
-  median_displacement_ = median_of(&displacement);
+  median_displacement_ = median_of(&displacements_);
 
   for (size_t i = 0; i < place_.size(); ++i) {
     const int cell = cell_of(place_[i], width, height);

@@ -52,6 +52,14 @@ class PairTracker {
   void match(const CameraView& next, const CoarseMotion* image_motion, std::vector<ZnccMatch>* found);
   void update(const CameraView& next);
 
+  struct Steps {  // pixels, each coordinate in any order
+    std::vector<float> u, v;
+
+    void clear();
+    void add(const Eigen::Vector2f& step);
+    Eigen::Vector2f median();
+  };
+
   ViewPtr base_, newest_;
   int camera_ = 0, every_ = 1;
   ZnccMatcher matcher_;
@@ -65,6 +73,9 @@ class PairTracker {
   std::vector<uint8_t> octave_;  // of the next view, in which each feature is looked for
   PatchSet other_patches_;       // of the base, where these are others than those of its features
   std::vector<ZnccMatch> found_, found_by_image_, found_in_octave_;
+  std::vector<Steps> steps_of_cell_;  // since the view before, as are these
+  Steps all_steps_;
+  std::vector<float> displacements_;  // since the base
   float median_displacement_ = 0;
 };
 

@@ -177,6 +177,7 @@ void FixedMarks::keep_unmoved(const CameraView& view, Watched* camera) const {
     s.found += shows(view, s.pixel, s.octave, camera->patches, i, kSamePlace, kSame);
     if (s.found >= kFound * steps_ - 1) which.push_back(i);
   }
+  if (which.size() == camera->suspects.size()) return;
   camera->suspects = some_of(camera->suspects, which);
   camera->patches = some_of(camera->patches, which);
 }
