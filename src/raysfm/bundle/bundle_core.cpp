@@ -387,11 +387,11 @@ void BundleCore<N>::store_block(int begin, const Block& block) {
     double* cross = system_.cross(lane.slot);
     if (lane.opens_slot) {
       for (int c = 0; c < 3; ++c) {
-        for (int r = 0; r < N; ++r) cross[cross_place(r, c)] = block.cross[N * c + r][k];
+        for (int r = 0; r < N; ++r) cross[cross_place<N>(r, c)] = block.cross[N * c + r][k];
       }
     } else {
       for (int c = 0; c < 3; ++c) {
-        for (int r = 0; r < N; ++r) cross[cross_place(r, c)] += block.cross[N * c + r][k];
+        for (int r = 0; r < N; ++r) cross[cross_place<N>(r, c)] += block.cross[N * c + r][k];
       }
     }
   }

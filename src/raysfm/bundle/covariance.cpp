@@ -24,7 +24,7 @@ template <int N>
 Eigen::Matrix<double, N, 3> scaled_cross(const SchurSystem<N>& system, int slot) {
   Eigen::Matrix<double, N, 3> z;
   for (int c = 0; c < 3; ++c) {
-    for (int r = 0; r < N; ++r) z(r, c) = system.cross(slot)[cross_place(r, c)];
+    for (int r = 0; r < N; ++r) z(r, c) = system.cross(slot)[cross_place<N>(r, c)];
   }
   return z;
 }

@@ -68,7 +68,7 @@ void quadratic_forms(const Gauge& m, const SchurSystem<N>& system, Matrix7* whol
     for (int s = system.point_begin(p); s < system.point_begin(p + 1); ++s) {
       Eigen::Matrix<double, N, 3> w;
       for (int c = 0; c < 3; ++c) {
-        for (int r = 0; r < N; ++r) w(r, c) = system.cross(s)[cross_place(r, c)];
+        for (int r = 0; r < N; ++r) w(r, c) = system.cross(s)[cross_place<N>(r, c)];
       }
       cross += m.poses.middleRows<N>(N * system.pose_of_slot(s)).transpose() * w * rows;
     }

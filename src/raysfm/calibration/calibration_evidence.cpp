@@ -300,7 +300,7 @@ class Measurement {
     const double* z = core_.system().cross(slot);
     Eigen::Matrix<double, 6, 3> cross;
     for (int r = 0; r < 6; ++r) {
-      for (int k = 0; k < 3; ++k) cross(r, k) = z[cross_place(r, k)];
+      for (int k = 0; k < 3; ++k) cross(r, k) = z[cross_place<6>(r, k)];
     }
     return cross;
   }

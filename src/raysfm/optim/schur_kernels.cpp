@@ -16,7 +16,8 @@ namespace raysfm {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using Tag = hn::CappedTag<double, kCrossRows>;
+constexpr int kMostLanes = 8;
+using Tag = hn::CappedTag<double, kMostLanes>;
 constexpr int kPointLanes = 8;
 
 // Products and sums are never fused, and each number is summed in the order of the slots: every target gives
@@ -85,23 +86,26 @@ HWY_INLINE void ScaleColumns(D d, const double* f, const T w0, const T w1, const
                hn::Mul(w2, hn::Set(d, f[5])));
 }
 
+// Of other blocks it neither reads nor writes anything: other threads work on these.
 template <int N>
 void ScaleSlots(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+  constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
   for (int p = begin; p < end; ++p) {
     const double* f = factors + size_t{kFactorSize} * p;
     for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
       double* slot = slots + size_t{kCrossSize<N>} * s;
-      for (size_t r = 0; r < kCrossRows; r += hn::Lanes(d)) {
+      for (size_t r = 0; r < kRows; r += hn::Lanes(d)) {
+        const auto rows = hn::FirstN(d, kRows - r);
         auto z0 = hn::Zero(d), z1 = z0, z2 = z0;
-        ScaleColumns(d, f, hn::Load(d, slot + r), hn::Load(d, slot + kCrossRows + r),
-                     hn::Load(d, slot + 2 * kCrossRows + r), z0, z1, z2);
-        hn::Store(z0, d, slot + r);
-        hn::Store(z1, d, slot + kCrossRows + r);
-        hn::Store(z2, d, slot + 2 * kCrossRows + r);
+        ScaleColumns(d, f, hn::MaskedLoad(rows, d, slot + r), hn::MaskedLoad(rows, d, slot + kRows + r),
+                     hn::MaskedLoad(rows, d, slot + 2 * kRows + r), z0, z1, z2);
+        hn::BlendedStore(z0, rows, d, slot + r);
+        hn::BlendedStore(z1, rows, d, slot + kRows + r);
+        hn::BlendedStore(z2, rows, d, slot + 2 * kRows + r);
       }
-      if (N <= kCrossRows) continue;
-      double* last = slot + 3 * kCrossRows;
+      if (N == kRows) continue;
+      double* last = slot + 3 * kRows;
       last[2] = last[0] * f[3] + last[1] * f[4] + last[2] * f[5];
       last[1] = last[0] * f[1] + last[1] * f[2];
       last[0] = last[0] * f[0];
@@ -118,24 +122,25 @@ void ScaleSlots9(int begin, int end, const int* point_begin, const double* facto
 template <int N>
 void AddRightSide(const double* z, const double* factors, const int* slots, const int* points, int count,
                   double* right) {
+  constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
-  alignas(64) double sum[kCrossRows];
+  alignas(64) double sum[kMostLanes];
   double last = 0;
-  for (size_t r = 0; r < kCrossRows; r += hn::Lanes(d)) {
+  for (size_t r = 0; r < kRows; r += hn::Lanes(d)) {
     auto part = hn::Zero(d);
     for (int k = 0; k < count; ++k) {
       const double* y = factors + size_t{kFactorSize} * points[k] + 6;
       const double* from = z + size_t{kCrossSize<N>} * slots[k] + r;
-      part = hn::Add(part, hn::Add(hn::Add(hn::Mul(hn::Load(d, from), hn::Set(d, y[0])),
-                                           hn::Mul(hn::Load(d, from + kCrossRows), hn::Set(d, y[1]))),
-                                   hn::Mul(hn::Load(d, from + 2 * kCrossRows), hn::Set(d, y[2]))));
-      if (N <= kCrossRows || r > 0) continue;
-      const double* tail = from + 3 * kCrossRows;
+      part = hn::Add(part, hn::Add(hn::Add(hn::Mul(hn::LoadU(d, from), hn::Set(d, y[0])),
+                                           hn::Mul(hn::LoadU(d, from + kRows), hn::Set(d, y[1]))),
+                                   hn::Mul(hn::LoadU(d, from + 2 * kRows), hn::Set(d, y[2]))));
+      if (N == kRows || r > 0) continue;
+      const double* tail = from + 3 * kRows;
       last += tail[0] * y[0] + tail[1] * y[1] + tail[2] * y[2];
     }
     hn::Store(part, d, sum + r);
   }
-  for (int r = 0; r < N; ++r) right[r] += r < kCrossRows ? sum[r] : last;
+  for (size_t r = 0; r < N; ++r) right[r] += r < kRows ? sum[r] : last;
 }
 void AddRightSide6(const double* z, const double* factors, const int* slots, const int* points, int count,
                    double* right) {
@@ -149,18 +154,19 @@ void AddRightSide9(const double* z, const double* factors, const int* slots, con
 // The rows [row, row + lanes) of columns [kFirst, kFirst + kCount) of the sum, kept in registers.
 template <int N, int kFirst, int kCount>
 HWY_INLINE void SumRows(const double* z, const SlotPair* pairs, int count, size_t row,
-                        double (*sum)[kCrossRows]) {
+                        double (*sum)[kMostLanes]) {
+  constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
   hn::Vec<Tag> total[kCount];
   for (int c = 0; c < kCount; ++c) total[c] = hn::Zero(d);
   for (int i = 0; i < count; ++i) {
     const double* a = z + size_t{kCrossSize<N>} * pairs[i].row + row;
     const double* b = z + size_t{kCrossSize<N>} * pairs[i].column;
-    const auto a0 = hn::Load(d, a), a1 = hn::Load(d, a + kCrossRows), a2 = hn::Load(d, a + 2 * kCrossRows);
+    const auto a0 = hn::LoadU(d, a), a1 = hn::LoadU(d, a + kRows), a2 = hn::LoadU(d, a + 2 * kRows);
     for (int c = 0; c < kCount; ++c) {
-      const auto b0 = hn::Set(d, b[cross_place(kFirst + c, 0)]),
-                 b1 = hn::Set(d, b[cross_place(kFirst + c, 1)]),
-                 b2 = hn::Set(d, b[cross_place(kFirst + c, 2)]);
+      const auto b0 = hn::Set(d, b[cross_place<N>(kFirst + c, 0)]),
+                 b1 = hn::Set(d, b[cross_place<N>(kFirst + c, 1)]),
+                 b2 = hn::Set(d, b[cross_place<N>(kFirst + c, 2)]);
       total[c] = hn::Add(total[c], hn::Add(hn::Add(hn::Mul(a0, b0), hn::Mul(a1, b1)), hn::Mul(a2, b2)));
     }
   }
@@ -169,40 +175,40 @@ HWY_INLINE void SumRows(const double* z, const SlotPair* pairs, int count, size_
 
 // The ninth row of the sum.
 HWY_INLINE void SumNinthRow(const double* z, const SlotPair* pairs, int count, double* sum) {
+  constexpr size_t kRows = kCrossRows<9>;
   const Tag d;
-  alignas(64) double part[kCrossRows];
+  alignas(64) double part[kRows];
   double last = 0;
-  for (size_t column = 0; column < kCrossRows; column += hn::Lanes(d)) {
+  for (size_t column = 0; column < kRows; column += hn::Lanes(d)) {
     auto total = hn::Zero(d);
     for (int i = 0; i < count; ++i) {
-      const double* a = z + size_t{kCrossSize<9>} * pairs[i].row + 3 * kCrossRows;
+      const double* a = z + size_t{kCrossSize<9>} * pairs[i].row + 3 * kRows;
       const double* b = z + size_t{kCrossSize<9>} * pairs[i].column;
       total = hn::Add(total, hn::Add(hn::Add(hn::Mul(hn::Load(d, b + column), hn::Set(d, a[0])),
-                                             hn::Mul(hn::Load(d, b + kCrossRows + column), hn::Set(d, a[1]))),
-                                     hn::Mul(hn::Load(d, b + 2 * kCrossRows + column), hn::Set(d, a[2]))));
+                                             hn::Mul(hn::Load(d, b + kRows + column), hn::Set(d, a[1]))),
+                                     hn::Mul(hn::Load(d, b + 2 * kRows + column), hn::Set(d, a[2]))));
       if (column > 0) continue;
-      const double* tail = b + 3 * kCrossRows;
+      const double* tail = b + 3 * kRows;
       last += a[0] * tail[0] + a[1] * tail[1] + a[2] * tail[2];
     }
     hn::Store(total, d, part + column);
   }
-  for (int c = 0; c < kCrossRows; ++c) sum[c] = part[c];
-  sum[kCrossRows] = last;
+  for (size_t c = 0; c < kRows; ++c) sum[c] = part[c];
+  sum[kRows] = last;
 }
 
 template <int N>
 void SubtractProducts(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
-  alignas(64) double sum[N][kCrossRows];
-  for (size_t row = 0; row < (N < kCrossRows ? N : kCrossRows); row += hn::Lanes(Tag())) {
-    SumRows<N, 0, N>(z, pairs, count, row, sum);
+  constexpr size_t kRows = kCrossRows<N>;
+  alignas(64) double sum[N][kMostLanes];
+  for (size_t row = 0; row < kRows; row += hn::Lanes(Tag())) SumRows<N, 0, N>(z, pairs, count, row, sum);
+  for (size_t c = 0; c < N; ++c) {
+    for (size_t r = 0; r < kRows; ++r) target[stride * c + r] -= sum[c][r];
   }
-  for (int c = 0; c < N; ++c) {
-    for (int r = 0; r < (N < kCrossRows ? N : kCrossRows); ++r) target[stride * c + r] -= sum[c][r];
-  }
-  if (N <= kCrossRows) return;
+  if (N == kRows) return;
   double ninth[9];
   SumNinthRow(z, pairs, count, ninth);
-  for (int c = 0; c < N; ++c) target[stride * c + kCrossRows] -= ninth[c];
+  for (size_t c = 0; c < N; ++c) target[stride * c + kRows] -= ninth[c];
 }
 void SubtractProducts6(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
   SubtractProducts<6>(z, pairs, count, target, stride);

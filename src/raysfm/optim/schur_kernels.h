@@ -5,14 +5,18 @@
 namespace raysfm {
 
 // A block of the points' elimination, N rows (6 or 9, the unknowns of a pose) by 3 columns, is kept by
-// columns of the first eight rows (the last two of six are zero), so that a column is whole vectors; the
-// ninth row follows.
-inline constexpr int kCrossRows = 8;
+// columns: of six rows without gaps, which a map of a whole video is large for; of nine rows the first eight,
+// so that a column is whole vectors, and the ninth row follows.
 template <int N>
-inline constexpr int kCrossSize = N == 9 ? 32 : 24;
+inline constexpr int kCrossRows = N == 9 ? 8 : 6;
+template <int N>
+inline constexpr int kCrossSize = N == 9 ? 32 : 18;
+template <int N>
 constexpr int cross_place(int row, int column) {
-  return row < kCrossRows ? kCrossRows * column + row : 3 * kCrossRows + column;
+  return row < kCrossRows<N> ? kCrossRows<N> * column + row : 3 * kCrossRows<N> + column;
 }
+// Numbers behind the last block that are read, and of no effect.
+inline constexpr int kCrossBeyond = 8;
 
 // Z_row Z_column^T, one term of a block of the reduced system.
 struct SlotPair {

@@ -30,7 +30,7 @@ void SchurSystem<N>::set_structure(int pose_count, std::span<const int> point_be
   cut_work();
   poses_.resize(pose_count);
   points_.resize(point_count_);
-  set_size(cross_, kCrossSize<N> * pose_of_slot.size());
+  set_size(cross_, kCrossSize<N> * pose_of_slot.size() + kCrossBeyond);
   set_size(factors_, kFactorSize * (points_.size() + 7));
   set_size(right_, N * poses_.size());
   set_size(work_, N * poses_.size());
@@ -246,7 +246,7 @@ void SchurSystem<N>::substitute_points(int begin, int end) {
       const double* d = pose_step(pose_of_slot_[s]);
       for (int k = 0; k < 3; ++k) {
         double sum = 0;
-        for (int r = 0; r < N; ++r) sum += z[cross_place(r, k)] * d[r];
+        for (int r = 0; r < N; ++r) sum += z[cross_place<N>(r, k)] * d[r];
         y[k] += sum;
       }
     }

@@ -51,7 +51,7 @@ class SchurSystem {
   const PoseBlock& pose(int i) const { return poses_[i]; }
   PointBlock& point(int p) { return points_[p]; }
   const PointBlock& point(int p) const { return points_[p]; }
-  // W at cross_place(row, column); what is no place must be zero. After solve(): Z.
+  // W at cross_place<N>(row, column). After solve(): Z.
   double* cross(int slot) { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
   const double* cross(int slot) const { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
   void set_zero();

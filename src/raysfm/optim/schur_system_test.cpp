@@ -86,7 +86,7 @@ struct RandomBundle {
     Eigen::Map<Eigen::Matrix<double, N, 1>>(system.pose(i).gradient) += jc.transpose() * r;
     const Eigen::Matrix<double, N, 3> w = jc.transpose() * jp;
     for (int c = 0; c < 3; ++c) {
-      for (int k = 0; k < N; ++k) system.cross(s)[cross_place(k, c)] += w(k, c);
+      for (int k = 0; k < N; ++k) system.cross(s)[cross_place<N>(k, c)] += w(k, c);
     }
   }
 
