@@ -40,6 +40,30 @@ int find_within(const FeatureGrid& grid, const Eigen::Vector2f& centre, float ra
   return static_cast<int>(count);
 }
 
+#if HWY_TARGET != HWY_SCALAR && !HWY_HAVE_SCALABLE
+// The sum of the blocks of a vector, each of four lanes.
+template <class D, class V>
+HWY_INLINE auto SumOfBlocks(D d, V v) {
+  if constexpr (hn::MaxLanes(d) <= 4) {
+    return v;
+  } else {
+    const hn::Half<D> half;
+    return SumOfBlocks(half, hn::Add(hn::LowerHalf(half, v), hn::UpperHalf(half, v)));
+  }
+}
+
+// The sums of the lanes of four vectors: fewer shuffles than one after another.
+template <class D, class V>
+HWY_INLINE void SumEach(D d, V a, V b, V c, V e, int32_t* sums) {
+  const hn::RepartitionToWide<D> pairs;
+  const auto ab = hn::BitCast(pairs, hn::Add(hn::InterleaveLower(d, a, b), hn::InterleaveUpper(d, a, b)));
+  const auto ce = hn::BitCast(pairs, hn::Add(hn::InterleaveLower(d, c, e), hn::InterleaveUpper(d, c, e)));
+  const auto all = hn::Add(hn::BitCast(d, hn::InterleaveLower(pairs, ab, ce)),
+                           hn::BitCast(d, hn::InterleaveUpper(pairs, ab, ce)));
+  hn::Store(SumOfBlocks(d, all), hn::CappedTag<int32_t, 4>(), sums);
+}
+#endif
+
 // scores[c] = ZNCC of patch `q` of the queries with patch candidates[c] of `train`, zero where negative. The
 // sums are exact, so their order does not matter.
 void score_candidates(const PatchSet& query, int q, const PatchSet& train, const int* candidates, int count,
@@ -58,16 +82,32 @@ void score_candidates(const PatchSet& query, int q, const PatchSet& train, const
   const hn::Rebind<int8_t, decltype(d16)> d8;
   const hn::RepartitionToWide<decltype(d16)> d32;
   const int lanes = static_cast<int>(hn::Lanes(d16));
-  for (int c = 0; c < count; ++c) {
-    const int8_t* patch = train.patch(candidates[c]);
+  // Lanes that sum up to the product with a candidate.
+  const auto products = [&](int candidate) HWY_ATTR {
+    const int8_t* patch = train.patch(candidate);
     auto even = hn::Zero(d32), odd = hn::Zero(d32);
     for (int k = 0; k < kPatchStride; k += lanes) {
       const auto b = hn::PromoteTo(d16, hn::Load(d8, patch + k));
       even = hn::ReorderWidenMulAccumulate(d32, hn::Load(d16, wide + k), b, even, odd);
     }
-    // Half of all scores are negative: a branch on the sign would be mispredicted.
-    const auto dot = hn::Max(hn::SumOfLanes(d32, hn::Add(even, odd)), hn::Zero(d32));
-    scores[c] = static_cast<float>(hn::GetLane(dot)) * (inverse_norm * train.inverse_norm(candidates[c]));
+    return hn::Add(even, odd);
+  };
+  // Half of all scores are negative: a branch on the sign would be mispredicted.
+  const auto score = [&](int32_t dot, int candidate) {
+    return static_cast<float>(std::max(dot, 0)) * (inverse_norm * train.inverse_norm(candidate));
+  };
+  int c = 0;
+#if !HWY_HAVE_SCALABLE
+  constexpr int kAtOnce = 4;
+  for (; c + kAtOnce <= count; c += kAtOnce) {
+    const int* at = candidates + c;
+    alignas(16) int32_t dots[kAtOnce];
+    SumEach(d32, products(at[0]), products(at[1]), products(at[2]), products(at[3]), dots);
+    for (int i = 0; i < kAtOnce; ++i) scores[c + i] = score(dots[i], at[i]);
+  }
+#endif
+  for (; c < count; ++c) {
+    scores[c] = score(hn::GetLane(hn::SumOfLanes(d32, products(candidates[c]))), candidates[c]);
   }
 #endif
 }
