@@ -17,6 +17,7 @@ import slurm_node
 from program import ProgramTest, run
 
 SYSTEM_PYTHON = "/usr/bin/python3"
+PR_SET_CHILD_SUBREAPER = 36  # of <sys/prctl.h>
 # Times are in the other files of a result.
 SAME = ["trajectory.txt", "keyframes.txt", "covariance.csv", "points.ply", "sparse/images.bin", "sparse/points3D.bin"]
 FILMS = None  # a folder with three sequences and a list of them
@@ -311,8 +312,9 @@ class Local(BatchTest):
         """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
         videos = self.list_with_a_long_one(1000)
         # Orphans of this session go to this process: to one of another session they would be woken by the kernel as their batch ends.
-        PR_SET_CHILD_SUBREAPER = 36
-        self.assertEqual(ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0), 0)
+        prctl = ctypes.CDLL(None).prctl
+        self.assertEqual(prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0), 0)
+        self.addCleanup(prctl, PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
         command = [program.PROGRAM, "batch", videos, "--out", self.out, "--jobs", "1"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
             log = self.out / "batch/long.log"

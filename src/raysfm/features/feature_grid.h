@@ -45,9 +45,10 @@ class FeatureGrid {
     }
   }
 
-  // Pixels by cell, and their indices in the span given to build(). Behind the last of each, kBeyond more may
-  // be read, and are of no pixel.
+  // Behind the last of each of the following, so many more may be read, for whole vectors; they are of no
+  // pixel.
   static constexpr int kBeyond = 64;
+  // Pixels by cell, and their indices in the span given to build().
   const float* xs() const { return xs_.data(); }
   const float* ys() const { return ys_.data(); }
   const int* indices() const { return indices_.data(); }

@@ -15,9 +15,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 const hn::CappedTag<float, FeatureGrid::kBeyond> kPlaces;
 
-// Writes the indices of the pixels within the radius to `found`, with room for FeatureGrid::kBeyond
-// behind the last, and
-// returns how many. Without branches, since nearly half of the tests fail.
+// Writes the indices of the pixels within the radius to `found`, with room for FeatureGrid::kBeyond behind
+// the last, and returns how many. Without branches, since nearly half of the tests fail.
 int find_within(const FeatureGrid& grid, const Eigen::Vector2f& centre, float radius,
                 int* HWY_RESTRICT found) {
   const hn::Rebind<int32_t, decltype(kPlaces)> ints;
