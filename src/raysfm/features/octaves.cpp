@@ -38,10 +38,28 @@ Octaves::Octaves(GrayImage image, int max_pixels) {
   }
 }
 
+Octaves Octaves::without_finest(int octaves) const {
+  const int gone = std::min(octaves, static_cast<int>(images_.size()) - 1);
+  Octaves coarser;
+  coarser.first_ = first_ + gone;
+  coarser.softness_ = softness_;
+  for (auto image = images_.begin() + gone; image != images_.end(); ++image) {
+    GrayImage& copy = coarser.images_.emplace_back(image->width(), image->height());
+    std::copy_n(image->row(0), image->view().stride * image->height(), copy.row(0));
+  }
+  return coarser;
+}
+
 std::vector<GrayView> Octaves::views() const {
   std::vector<GrayView> views;
   for (const GrayImage& image : images_) views.push_back(image.view());
   return views;
+}
+
+size_t Octaves::bytes() const {
+  size_t bytes = 0;
+  for (const GrayImage& image : images_) bytes += image.view().stride * image.height();
+  return bytes;
 }
 
 }  // namespace raysfm

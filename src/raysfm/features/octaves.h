@@ -31,7 +31,13 @@ class Octaves {
   // which edges are no wider than kSoftEdge (sharpness.h). Noise is subdued first (image/noise.h).
   Octaves(GrayImage image, int max_pixels);
 
-  // edge_width() of the first octave, in its pixels; 0 where nothing tells it.
+  // A copy without the finest octaves, but never without any.
+  Octaves without_finest(int octaves) const;
+  // What the pictures take.
+  size_t bytes() const;
+
+  // edge_width() of the first octave that there was at the beginning, in its pixels; 0 where nothing tells
+  // it.
   float softness() const { return softness_; }
 
   int first() const { return first_; }

@@ -291,12 +291,15 @@ void Odometry::set_anchor(int keyframe) {
   anchor_distance_ = median_of(&distances);
 }
 
-// Poses a frame of the start against the key frame nearest in time, and records it.
+// Poses a frame of the start against the key frame nearest in time, and records it. Without corners where it
+// has none any more.
 bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
                          Rigid3* rig_from_world) {
   const Map& map = segment().map;
-  const Localisation pose =
-      localiser_.localise(map, segment().views, local, view, predicted, range_of(sure ? kNear : kWide, view));
+  const Localisation pose = view.detected()
+                                ? localiser_.localise(map, segment().views, local, view, predicted,
+                                                      range_of(sure ? kNear : kWide, view))
+                                : localiser_.follow(map, segment().views, local, view, predicted);
   if (!believable(pose)) {
     std::string& reason = frames_[view.frame].reason;
     if (reason.empty())
@@ -308,8 +311,8 @@ bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& 
   return true;
 }
 
-// A frame between key frames of the start, posed first by what the corner tracker saw, which is all there is
-// of a view that was released.
+// A frame between key frames of the start, posed first by what the corner tracker saw, which may be all there
+// is of a view that was released.
 void Odometry::pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local) {
   if (frames_[waiting.frame].segment >= 0) return;  // it was posed as one that turns
   const Map& map = segment().map;
@@ -320,13 +323,11 @@ void Odometry::pose_between(const Start& start, const WaitingView& waiting, int 
   const Localisation seen = localiser_.pose_from_matches(
       map, start.seen[view - start.first_view - 1], static_cast<uint64_t>(rank_of(waiting.frame)), between);
   if (waiting.same_as >= 0) return;
-  if (!waiting.view) {
-    frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
-    if (seen.ok) record(waiting.frame, seen, local.anchor);
-    return;
-  }
   Rigid3 pose = seen.ok ? seen.rig_from_world : between;
-  pose_near(*waiting.view, local, pose, seen.ok, &pose);
+  if (waiting.images() && pose_near(*waiting.images(), local, pose, seen.ok, &pose)) return;
+  if (waiting.view) return;
+  frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
+  if (seen.ok) record(waiting.frame, seen, local.anchor);
 }
 
 // Key frames of the start and the frames between.
@@ -353,10 +354,10 @@ void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int fi
   const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
   if (rig_.scans()) localiser_.set_velocity(start_velocity(1));
   for (int i = first_view - 1; i >= 0; --i) {
-    if (!views[i].view) continue;
+    if (!views[i].images()) continue;
     if (frames_[views[i].frame].segment >= 0) break;
     Rigid3 pose;
-    if (!pose_near(*views[i].view, local, velocity * next, false, &pose)) break;
+    if (!pose_near(*views[i].images(), local, velocity * next, false, &pose)) break;
     velocity = pose * next.inverse();
     next = pose;
   }
@@ -426,11 +427,14 @@ Rigid3 Odometry::moved_on(const Previous& from, const View& view) {
   return part_of(from.velocity, std::clamp(intervals, 0.0, kMostIntervals)) * still;
 }
 
+Localisation Odometry::follow(const View& view) {
+  localiser_.set_velocity(previous_->pose.velocity);
+  return localiser_.follow(segment().map, segment().views, local_, view, moved_on(*previous_, view));
+}
+
 // Most frames are where their predecessors lead and need no corners.
 Localisation Odometry::localise(ViewPtr* view) {
-  localiser_.set_velocity(previous_->pose.velocity);
-  Localisation pose =
-      localiser_.follow(segment().map, segment().views, local_, **view, moved_on(*previous_, **view));
+  Localisation pose = follow(**view);
   if (convincing(pose)) return pose;
   *view = detected(*view);
   return search(**view);
@@ -777,9 +781,9 @@ void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
 void Odometry::pose_missed(const std::vector<WaitingView>& missed) {
   const Previous found = *previous_;
   for (auto waiting = missed.rbegin(); waiting != missed.rend(); ++waiting) {
-    if (!waiting->view) continue;
-    ViewPtr view = waiting->view;
-    Localisation pose = localise(&view);
+    ViewPtr view = waiting->view ? waiting->view : waiting->coarse;
+    if (!view) continue;
+    Localisation pose = waiting->view ? localise(&view) : follow(*view);
     if (!believable(pose)) break;
     follow_scan(*view, &pose);
     record(view->frame, pose, local_.anchor);

@@ -209,6 +209,7 @@ class Odometry {
   void track(ViewPtr view);
   static Rigid3 moved_on(const Previous& from, const View& view);
   static Previous following(const Previous& before, const ViewPtr& view, Localisation pose);
+  Localisation follow(const View& view);
   Localisation localise(ViewPtr* view);
   Localisation search(const View& view);
   Localisation search_blurred(const View& view, Localisation best);

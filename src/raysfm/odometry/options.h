@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
@@ -53,6 +54,9 @@ struct OdometryOptions {
   int keep_all_until = 1000;
   // Seconds from a frame beyond which another says nothing of how fast the rig moves at it.
   double velocity_reach = 0.25;
+  // What the images of views may take that wait for a start. When they take more, every second of the older
+  // ones is released, and coarser images stand for it.
+  size_t waiting_bytes = size_t{56} << 20;
   bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
   FinalAdjustment final = FinalAdjustment::kGlobal;
   uint64_t seed = 0;

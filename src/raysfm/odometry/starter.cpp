@@ -27,23 +27,14 @@ constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where t
 // farther for another try.
 constexpr int kPatience = 15, kBetweenTries = 5;
 constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
-// What the images of waiting views may take: when they take more, every second of the older ones goes.
-constexpr size_t kWaitingBytes = size_t{56} << 20, kNewViews = 8;
+constexpr size_t kNewViews = 8;     // of those that wait: they are never released
+constexpr size_t kCoarseShare = 4;  // of what they may take, which coarser images may take beside
 constexpr int kSampled = 3;  // corners of the second view, of which only the matches' number is asked for
 constexpr int kSeenCorners = 400;  // that stand for a released view, of each camera
 constexpr float kStill = 0.3f,
                 kAlike = 0.99f;  // pixels of the octave, and correlation, of views that are copies
 // An image this much softer than one just before it is no good for a key frame.
 constexpr float kMuchSofter = 1.25f;
-
-size_t bytes_of(const View& view) {
-  size_t bytes = 0;
-  for (const CameraView& camera : view.cameras) {
-    for (const GrayView& image : camera.octaves->views()) bytes += image.stride * image.height;
-    bytes += size_t{kPatchStride} * camera.patches.size();
-  }
-  return bytes;
-}
 
 // Whether nothing has moved between two views, as far as their thumbnails tell.
 bool show_the_same(const View& a, const View& b) {
@@ -100,7 +91,8 @@ void Starter::restart(int first) {
 }
 
 std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
-  views_.push_back({view->frame, view, -1, {}});
+  views_.emplace_back().frame = view->frame;
+  views_.back().view = view;
   if (views_.size() == 1) restart(0);
   while (next_ < static_cast<int>(views_.size())) {
     if (auto start = step(mapper)) return start;
@@ -171,7 +163,44 @@ void Starter::release(int view, int same_as) {
   if (k >= 0) {
     for (PairTracker& tracker : from_first_) tracker.release(k);
   }
+  if (same_as < 0) {
+    views_[view].coarse = views_[view].view;
+    views_[view].coarsen();
+  }
   views_[view].view.reset();
+}
+
+int WaitingView::coarse_octaves() const {
+  int most = 0;
+  for (size_t c = 0; coarse && c < coarse->cameras.size(); ++c) {
+    const Octaves& octaves = *coarse->cameras[c].octaves;
+    most = std::max(most, octaves.last() - octaves.first() + 1);
+  }
+  return most;
+}
+
+void WaitingView::coarsen() {
+  coarse = coarse_octaves() > 1 ? coarser_images_of(*coarse, 1) : nullptr;
+  ++octaves_gone;
+}
+
+// The oldest of those with most octaves become coarser.
+void Starter::release_coarse() {
+  const size_t most_bytes = options_.waiting_bytes / kCoarseShare;
+  size_t bytes = 0;
+  int most_octaves = 0;
+  for (const WaitingView& v : views_) {
+    bytes += v.coarse ? bytes_of(*v.coarse) : 0;
+    most_octaves = std::max(most_octaves, v.coarse_octaves());
+  }
+  for (int octaves = most_octaves; octaves > 0; --octaves) {
+    for (auto v = views_.begin(); v != views_.end() && bytes > most_bytes; ++v) {
+      if (v->coarse_octaves() < octaves) continue;
+      bytes -= bytes_of(*v->coarse);
+      v->coarsen();
+      bytes += v->coarse ? bytes_of(*v->coarse) : 0;
+    }
+  }
 }
 
 // Copies go first, then every second of the rest; never the newest, nor those that a start would be made of.
@@ -183,7 +212,7 @@ void Starter::release_views() {
     kept.push_back(v);
     bytes += bytes_of(*views_[v].view);
   }
-  if (bytes <= kWaitingBytes) return;
+  if (bytes <= options_.waiting_bytes) return;
   size_t rest = std::min<size_t>(1, kept.size());
   for (size_t i = 1; i < kept.size(); ++i) {
     const int v = kept[i], before = kept[rest - 1];
@@ -196,9 +225,10 @@ void Starter::release_views() {
     }
   }
   kept.resize(rest);
-  for (size_t i = 1; bytes > kWaitingBytes && i + kNewViews < kept.size(); i += 2) {
+  for (size_t i = 1; bytes > options_.waiting_bytes && i + kNewViews < kept.size(); i += 2) {
     if (kept[i] != first_ && kept[i] != second_) release(kept[i], -1);
   }
+  release_coarse();
 }
 
 std::optional<Start> Starter::step(Mapper& mapper) {

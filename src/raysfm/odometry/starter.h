@@ -33,13 +33,20 @@ struct SeenCorner {
   Eigen::Vector2f pixel = Eigen::Vector2f::Zero();
 };
 
-// A view that waits for a start. Where too many wait, images are released: what the view saw of some corners
-// then stands for it, or another view that shows the same.
+// A view that waits for a start. Where too many wait, some are released: coarser images and what the view saw
+// of some corners then stand for it, or another view that shows the same.
 struct WaitingView {
   int frame = 0;
   ViewPtr view;                  // null once released
   int same_as = -1;              // index of an earlier view, once released as a copy of it
   std::vector<SeenCorner> seen;  // once released otherwise; empty for views before the first
+  ViewPtr coarse;                // likewise, its images, without corners; null once these are released too
+  int octaves_gone = 0;          // of `coarse`: the finest ones
+
+  const View* images() const { return view ? view.get() : coarse.get(); }
+  int coarse_octaves() const;
+  // The finest octave goes, or all where it is the only one.
+  void coarsen();
 };
 
 template <typename A>
@@ -48,7 +55,10 @@ void archive_fields(A& a, SeenCorner& x) {
 }
 template <typename A>
 void archive_fields(A& a, WaitingView& x) {
-  archive(a, x.frame, x.view, x.same_as, x.seen);
+  archive(a, x.frame, x.view, x.same_as, x.seen, x.coarse, x.octaves_gone);
+  if constexpr (A::kReads) {
+    if (x.coarse) x.coarse = coarser_images_of(*x.coarse, x.octaves_gone);
+  }
 }
 
 // Chooses three views and starts a map from them (LBA09 2.2). Feed it the views in order; when the views that
@@ -83,6 +93,7 @@ class Starter {
   int kept_near(int view) const;
   int sharpest_until(int view, int after) const;
   void release_views();
+  void release_coarse();
   void release(int view, int same_as);
   std::optional<Start> step(Mapper& mapper);
   std::optional<Start> attempt(int second, int third, Mapper& mapper);

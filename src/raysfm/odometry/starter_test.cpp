@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <map>
 
+#include "raysfm/odometry/odometry.h"
 #include "support/panel_world.h"
 
 namespace raysfm {
@@ -177,6 +179,44 @@ TEST_F(StarterTest, StartsAfterABlackBeginningAndAStandingOne) {
   EXPECT_LT(degrees_between(keyframes[2].rig_from_world.rotation, truth.rotation), 0.3);
   EXPECT_LT(degrees_between(keyframes[2].rig_from_world.inverse().translation, truth.inverse().translation),
             2.0);
+}
+
+// Looks about for long, and then moves.
+Rigid3 lingering(int frame) {
+  constexpr int kLooks = 70;
+  const double turned = 0.01 * std::min(frame, kLooks), moved = 0.04 * std::max(0, frame - kLooks);
+  return Rigid3{exp_so3({0, turned - 0.6, 0}), {moved - 0.4, 0, 0.2 * moved}}.inverse();
+}
+
+// More views wait than there is memory for: those that are let go of keep coarser images, and are posed.
+TEST(StarterMemory, ViewsThatWaitedForLongArePosed) {
+  constexpr int kFrames = 90;
+  const PanelWorld world(kWorld);
+  OdometryOptions options;
+  options.waiting_bytes = size_t{3} << 20;
+  Odometry odometry(Rig{{small_camera()}}, options, {});
+  size_t bytes = 0;
+  for (int i = 0; i < kFrames; ++i) {
+    const ViewPtr view = film(world, small_camera(), lingering(i), i);
+    bytes += bytes_of(*view);
+    odometry.process(view);
+  }
+  ASSERT_GT(bytes, 3 * options.waiting_bytes);
+  const Reconstruction r = odometry.finish(false);
+  ASSERT_EQ(r.segments.size(), 1u);
+  const int first = r.starts[0].frames[0];
+  constexpr int kInSight = 25;  // frames before the first, which see much of what it sees
+  ASSERT_GT(first, kInSight);
+  const auto from_first = [&](const Rigid3& rig_from_world, const Rigid3& first_from_world) {
+    return (rig_from_world * first_from_world.inverse()).rotation;
+  };
+  ASSERT_TRUE(r.frames[first].world_from_rig);
+  const Rigid3 found_first = r.frames[first].world_from_rig->inverse();
+  for (int i = first - kInSight; i < kFrames; ++i) {
+    ASSERT_TRUE(r.frames[i].world_from_rig) << i << ": " << r.frames[i].reason;
+    const Eigen::Quaterniond found = from_first(r.frames[i].world_from_rig->inverse(), found_first);
+    EXPECT_LT(degrees_between(found, from_first(lingering(i), lingering(first))), 0.2) << i;
+  }
 }
 
 }  // namespace

@@ -173,17 +173,31 @@ void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* 
 }
 
 ViewPtr images_of(const View& view) {
+  return coarser_images_of(view, 0);
+}
+
+ViewPtr coarser_images_of(const View& view, int octaves) {
   auto images = std::make_shared<View>();
   images->frame = view.frame;
+  images->timestamp = view.timestamp;
+  images->repeats = view.repeats;
   for (const CameraView& camera : view.cameras) {
     CameraView& image = images->cameras.emplace_back();
     image.width = camera.width;
     image.height = camera.height;
-    image.octaves = camera.octaves;
+    image.octaves = octaves > 0 ? std::make_shared<const Octaves>(camera.octaves->without_finest(octaves))
+                                : camera.octaves;
     image.thumbnail = camera.thumbnail;
     image.thumbnail_scale = camera.thumbnail_scale;
   }
   return images;
+}
+
+size_t bytes_of(const View& view) {
+  size_t bytes = 0;
+  for (const CameraView& camera : view.cameras)
+    bytes += camera.octaves->bytes() + size_t{kPatchStride} * camera.patches.size();
+  return bytes;
 }
 
 CoarseMotion coarse_motion(const CameraView& first, const CameraView& second) {

@@ -87,6 +87,10 @@ void detect(HarrisDetector& detector, const HarrisOptions& options, CameraView* 
 
 // The images of a view without what detection found in them: what remains of it in a key frame.
 ViewPtr images_of(const View& view);
+// The same without their finest octaves (Octaves::without_finest).
+ViewPtr coarser_images_of(const View& view, int octaves);
+// What images and patches take.
+size_t bytes_of(const View& view);
 
 // Patch i of one set becomes patch j of another.
 void copy_patch(const PatchSet& from, int i, int j, PatchSet* to);
