@@ -129,8 +129,12 @@ FrameResult Odometry::process(ViewPtr view) {
   frames_.back().reason = view->defect;
   frames_.back().same_as = view->same_as;
   frames_.back().rank = frame == 0 ? 0 : frames_[frame - 1].rank + (frames_[frame - 1].same_as < 0);
-  if (view->same_as >= 0) repeat(*view);
-  if (!view->defect.empty() || view->same_as >= 0) return result_of(frame);
+  if (!view->defect.empty()) return result_of(frame);
+  if (view->same_as >= 0) {
+    repeat(*view);
+    frame_timing_.add(milliseconds_since(begin));
+    return result_of(frame);
+  }
   const double ahead_ms = view->detect_ms;
   detected_ms_ = 0;
   waiting_.push_back(std::move(view));
