@@ -43,10 +43,9 @@ constexpr double kMostlyInSight = 0.75, kLeastInSight = 0.3;
 // of the distance to the points.
 constexpr double kMostSwerve = 1.5, kMostTremble = 0.01;
 constexpr int kMinKeyFrameGap = 2;  // frames without one, unless too little is matched
-// Where more than this part of what a key frame shows was not found again (views/other_motion.h), the next
-// ones are nearer to each other: what passes close by, of a car that drives backwards above all, is not the
-// same for long.
-constexpr double kMuchUnexplained = 0.23, kNearerBaseline = kKeyFrameBaseline / 3;
+// Where much of what a key frame shows was not found again (MotionWatch), the next ones are nearer to each
+// other: what passes close by, of a car that drives backwards above all, is not the same for long.
+constexpr double kNearerBaseline = kKeyFrameBaseline / 3;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
 SearchRange range_of(const Effort& effort, const View& view) {
@@ -262,7 +261,6 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   turner_.end();
   segment().calibration = calibration_;
   motion_watch_.restart();
-  unexplained_ = 0;
   observer_->world_started({world(), start.summary});
   map_covariance_.follow(rig_, segment().map, world());
   pose_start_frames(start, views);
@@ -541,7 +539,7 @@ bool Odometry::previous_may_help() const {
 bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
   const MapKeyFrame& anchor = segment().map.keyframes[local_.anchor];
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
-  const bool nearer = unexplained_ > kMuchUnexplained;
+  const bool nearer = motion_watch_.is_much();
   return options_.departures.keyframes &&
          rank_of(frame) - rank_of(anchor.frame) >= (nearer ? 1 : kMinKeyFrameGap) &&
          step.translation.norm() > (nearer ? kNearerBaseline : kKeyFrameBaseline) * anchor_distance_;
@@ -619,7 +617,6 @@ void Odometry::forget_old_views() {
   const int looked_for = newest - kFollowedFor;
   if (const auto part = looked_for < 0 ? std::nullopt : unexplained_part(segment().map, looked_for, rig_)) {
     motion_watch_.add(segment().map.keyframes[looked_for].frame, *part);
-    unexplained_ = *part;
   }
   drop_dead_features(looked_for, false);
   const int forgotten = newest - kKeptViews;

@@ -296,7 +296,6 @@ class Odometry {
   CalibrationRefiner refiner_;
   MapCovariance map_covariance_;
   MotionWatch motion_watch_;
-  double unexplained_ = 0;  // unexplained_part() of the newest key frame of which it is known
   FixedMarks marks_;
   bool marks_are_new_ = false;  // during the present frame
   std::optional<Starter> starter_;

@@ -143,6 +143,10 @@ void MotionWatch::restart() {
   judged_ = false;
 }
 
+bool MotionWatch::is_much() const {
+  return !recent_.empty() && recent_.back().part > kMuch;
+}
+
 std::vector<OtherMotion> MotionWatch::seen() const {
   std::vector<OtherMotion> all = seen_;
   if (!judged_) judge(recent_, &all);

@@ -34,6 +34,8 @@ class MotionWatch {
   void add(int frame, double unexplained);
   // The next key frame is of another world.
   void restart();
+  // Of the newest key frame of the present world alone, whether there is something to say.
+  bool is_much() const;
   // All so far. A world of fewer than three key frames is judged by what it has.
   std::vector<OtherMotion> seen() const;
 
