@@ -60,6 +60,8 @@ class ArchiveReader {
   }
 
   bool good() const { return good_; }
+  // What was read cannot be.
+  void refuse() { good_ = false; }
   // All of it was read.
   bool at_end() const { return good_ && left_.empty(); }
 
@@ -80,6 +82,12 @@ concept DynamicMatrix = requires(T x) {
   x.data();
   requires T::SizeAtCompileTime < 0;
 };
+// Of a vector one of the two is part of the type.
+template <DynamicMatrix T>
+constexpr bool may_have_size(size_t rows, size_t columns) {
+  const auto may_be = [](int fixed, size_t n) { return fixed < 0 || n == static_cast<size_t>(fixed); };
+  return may_be(T::RowsAtCompileTime, rows) && may_be(T::ColsAtCompileTime, columns);
+}
 template <typename T>
 concept QuaternionLike = requires(T x) {
   x.coeffs().data();
@@ -101,7 +109,14 @@ void archive_value(A& a, T& x) {
     size_t rows = x.rows(), columns = x.cols();
     a.count(&rows, 1);
     a.count(&columns, std::max<size_t>(1, rows) * sizeof(typename T::Scalar));
-    if constexpr (A::kReads) x.resize(static_cast<int64_t>(rows), static_cast<int64_t>(columns));
+    if constexpr (A::kReads) {
+      if (!a.good() || !may_have_size<T>(rows, columns)) {
+        a.refuse();
+        x = T{};
+        return;
+      }
+      x.resize(static_cast<int64_t>(rows), static_cast<int64_t>(columns));
+    }
     a.bytes(x.data(), rows * columns * sizeof(typename T::Scalar));
   } else if constexpr (QuaternionLike<T>) {
     archive_value(a, x.coeffs());
