@@ -169,7 +169,8 @@ void Odometry::remember(int keyframe) {
   }
 }
 
-// A loop: the drift along it is spread over all of it, and the points become one.
+// A loop: the drift along it is spread over all of it, and the points become one. All is adjusted where that
+// leaves points off from where they are seen.
 void Odometry::close(const Meeting& meeting) {
   SegmentState& s = segment();
   Map& map = s.map;
@@ -185,8 +186,10 @@ void Odometry::close(const Meeting& meeting) {
     straighten(meeting, rig_, &map);
     carry_frames(active_, before);
   }
+  const bool is_still_bent = bent && is_bent(meeting, rig_, map);
   fuse(meeting.relation.points);
-  if (bent) {
+  // What straightens a large map leaves little to be done, the more often it was closed before.
+  if (bent && (map.keyframes.size() <= kLargeMap || is_still_bent || !fits_together(rig_, map))) {
     adjust_all();
   } else {
     all_has_moved();

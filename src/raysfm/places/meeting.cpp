@@ -16,28 +16,37 @@ constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kSca
 // Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
 // are only brought together.
 constexpr double kDisagreement = 2;
+// Standard deviations that half of what a key frame sees is off by, of which noise makes 0.2 to 0.6; the part
+// of all key frames that may be off by more, some of which fit badly whatever is done.
+constexpr double kMisfit = 0.8, kMostUnfit = 0.01;
 // Two places tell the same of two worlds: parts of the distance to the points, radians.
 constexpr double kSameShift = 0.1, kSameTurn = 0.1, kSameScale = 0.2;
 
-// How far from where the key frame sees them the points are that the place has of them: the median, standard
-// deviations.
+// How far from where the key frame sees it a point of the rig is, standard deviations.
+double misfit(const TrackingRig& rig, const MapKeyFrame& k, int feature, const Eigen::Vector3d& point) {
+  Eigen::Vector2d residual, pixel;
+  bool seen = false;
+  if (rig.angular()) {
+    seen = k.rays[feature].residual(point, &residual);
+  } else {
+    const int camera = k.cameras[feature];
+    seen = rig.find(camera, rig.cam_from_rig(camera) * point, &pixel);
+    residual = pixel - k.instant_pixel(feature).cast<double>();
+  }
+  return seen ? residual.norm() / octave_side(k.octaves[feature]) : INFINITY;
+}
+
+// Of the points that the place has, the median in the key frame.
 double disagreement(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
   const MapKeyFrame& k = map.keyframes[meeting.here.keyframe];
-  std::vector<double> errors;
+  std::vector<double> misfits;
   for (const SamePoint& p : meeting.relation.points) {
     for (const TrackObservation& o : map.tracks[p.here].observations) {
       if (o.keyframe != meeting.here.keyframe) continue;
-      const int camera = k.cameras[o.feature];
-      Eigen::Vector2d pixel;
-      const Eigen::Vector3d point =
-          rig.cam_from_rig(camera) * (k.rig_from_world * map.tracks[p.there].position);
-      const bool seen = rig.find(camera, point, &pixel);
-      errors.push_back(seen ? (pixel - k.instant_pixel(o.feature).cast<double>()).norm() /
-                                  octave_side(k.octaves[o.feature])
-                            : INFINITY);
+      misfits.push_back(misfit(rig, k, o.feature, k.rig_from_world * map.tracks[p.there].position));
     }
   }
-  return median_of(&errors);
+  return median_of(&misfits);
 }
 
 // The better known scale is that of the joined world: where it is that of the second, the first goes there.
@@ -109,6 +118,22 @@ bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& her
 
 bool is_bent(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
   return disagreement(meeting, rig, map) > kDisagreement;
+}
+
+bool fits_together(const TrackingRig& rig, const Map& map) {
+  std::vector<double> misfits;
+  int unfit = 0;
+  for (const MapKeyFrame& k : map.keyframes) {
+    misfits.clear();
+    const Eigen::Matrix3d rotation = k.rig_from_world.rotation.toRotationMatrix();
+    for (int f = 0; f < k.size(); ++f) {
+      if (k.tracks[f] < 0 || !k.inliers[f] || !map.tracks[k.tracks[f]].triangulated) continue;
+      const Eigen::Vector3d& point = map.tracks[k.tracks[f]].position;
+      misfits.push_back(misfit(rig, k, f, rotation * point + k.rig_from_world.translation));
+    }
+    unfit += !misfits.empty() && median_of(&misfits) > kMisfit;
+  }
+  return unfit <= kMostUnfit * static_cast<double>(map.keyframes.size());
 }
 
 void straighten(const Meeting& meeting, const TrackingRig& rig, Map* map) {

@@ -50,6 +50,9 @@ bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& her
 // spread over the path. Else they need only be brought together.
 bool is_bent(const Meeting& meeting, const TrackingRig& rig, const Map& map);
 
+// Whether nearly all key frames have their points where they see them, so that tracking loses none of these.
+bool fits_together(const TrackingRig& rig, const Map& map);
+
 // Spreads that drift.
 void straighten(const Meeting& meeting, const TrackingRig& rig, Map* map);
 
