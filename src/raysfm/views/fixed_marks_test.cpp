@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
+#include <utility>
 
 #include "support/panel_world.h"
 #include "support/texture.h"
@@ -24,15 +26,27 @@ bool on_label(const Eigen::Vector2f& p, float margin = 0) {
          p.y() <= kBottom + margin;
 }
 
+// Films show the same walls.
+const GrayImage& wall_that_moved(const Eigen::Vector2d& moved) {
+  static const Texture wall(4, 6, 30, 40);
+  static std::map<std::pair<double, double>, GrayImage> rendered;
+  GrayImage& image = rendered[{moved.x(), moved.y()}];
+  if (image.empty()) {
+    image = render(wall, kFilmWidth, kFilmHeight,
+                   [&](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + moved; });
+  }
+  return image;
+}
+
 // A wall that has moved so far, with a label in front that stays.
 ViewPtr labelled_wall(const Eigen::Vector2d& moved, int frame, bool has_label = true) {
-  static const Texture wall(4, 6, 30, 40), label(9, 5, 20, 50);
-  GrayImage image = render(wall, kFilmWidth, kFilmHeight,
-                           [&](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + moved; });
-  const GrayImage in_front =
-      render(label, kFilmWidth, kFilmHeight, [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
+  static const GrayImage label = render(Texture(9, 5, 20, 50), kFilmWidth, kFilmHeight,
+                                        [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
+  const GrayImage& wall = wall_that_moved(moved);
+  GrayImage image(kFilmWidth, kFilmHeight);
+  for (int y = 0; y < kFilmHeight; ++y) std::copy_n(wall.row(y), kFilmWidth, image.row(y));
   for (int y = kTop; has_label && y <= kBottom; ++y) {
-    std::copy_n(in_front.row(y) + kLeft, kRight - kLeft + 1, image.row(y) + kLeft);
+    std::copy_n(label.row(y) + kLeft, kRight - kLeft + 1, image.row(y) + kLeft);
   }
   return as_view(std::move(image), frame);
 }
