@@ -12,6 +12,7 @@
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/stretch.h"
 #include "raysfm/core/thread_pool.h"
+#include "raysfm/features/octaves.h"
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
@@ -188,6 +189,12 @@ double centre_aside(const UncalibratedReconstruction& found, const PointTracks& 
   return (Eigen::Vector2d(lens.cx, lens.cy) - middle).norm() / tracks.image_size.maxCoeff();
 }
 
+// Something bends a stretch: a rolling shutter, or a lens that is no perspective one.
+bool is_aside(const UncalibratedReconstruction& found, const PointTracks& tracks,
+              const SolveOptions& options) {
+  return centre_aside(found, tracks) > kMostAside * options.principal_point_sigma;
+}
+
 // Asked for where a perspective lens does not do, as far as its reconstruction tells. `is_early`: of one of
 // the first stretches.
 WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<UncalibratedReconstruction>& found,
@@ -203,8 +210,9 @@ WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<Uncalibrated
   }
   const PerspectiveFit fit{found->scene, found->radial, found->image_posed, found->point_placed,
                            found->inlier};
-  return !is_told(*found, tracks) || may_be_wide_lens(tracks, fit) ? find_wide_lens(tracks, &fit, along_rays)
-                                                                   : WideLensSearch();
+  const bool does =
+      is_told(*found, tracks) && !is_aside(*found, tracks, options) && !may_be_wide_lens(tracks, fit);
+  return does ? WideLensSearch() : find_wide_lens(tracks, &fit, along_rays);
 }
 
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
@@ -232,11 +240,10 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   }
   Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
   telling.lens->told_apart = wide.compared;
-  const double aside = centre_aside(*found, stretch.tracks);
-  if (aside > kMostAside * options.principal_point_sigma) {
+  if (is_aside(*found, stretch.tracks, options)) {
     return {{},
             fmt::format("the optical axis would meet the image {:.0f} % of its size from its middle",
-                        100 * aside)};
+                        100 * centre_aside(*found, stretch.tracks))};
   }
   const bool is_wide = !wide_lens_warning(telling.lens->camera()).empty();
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
@@ -271,23 +278,25 @@ ZoomedStretch zoomed_stretch(const SolveInput& stretch, int first_frame, int fra
           frames < 0 ? INFINITY : keyframes * std::max(1.0, double(frames) / count)};
 }
 
-// Tracks of images whose pixels are square. What tells a lens takes them for that.
-void make_square(double pixel_aspect, PointTracks* tracks) {
-  if (pixel_aspect == 1) return;
-  tracks->image_size.x() *= pixel_aspect;
-  for (Eigen::Vector2d& p : tracks->pixel) p.x() = (p.x() + 0.5) * pixel_aspect - 0.5;
+// What tells a lens takes pixels for square, and for as large as corners are exact: tracks of images that
+// were stretched by these factors.
+void stretch_images(const Eigen::Vector2d& factors, PointTracks* tracks) {
+  if (factors == Eigen::Vector2d::Ones()) return;
+  const Eigen::Vector2d half(0.5, 0.5);
+  tracks->image_size = tracks->image_size.cwiseProduct(factors);
+  for (Eigen::Vector2d& p : tracks->pixel) p = (p + half).cwiseProduct(factors) - half;
 }
 
 // Lenses that such tracks told, of the images as they are.
-void make_as_stored(const FrameSource& source, Telling* telling) {
-  const double pixel_aspect = source.pixel_aspect();
-  if (pixel_aspect == 1) return;
+void make_as_stored(const Eigen::Vector2d& factors, const FrameSource& source, Telling* telling) {
+  if (factors == Eigen::Vector2d::Ones()) return;
   for (std::optional<FoundLens>* lens : {&telling->lens, &telling->vague}) {
     if (!*lens) continue;
     Camera& camera = (*lens)->rig.cameras[0];
-    if (!stretch(1 / pixel_aspect, &camera)) continue;
+    if (!stretch(factors.cwiseInverse(), &camera)) continue;
     camera.width = source.width();
-    (*lens)->origin.focal /= pixel_aspect;
+    camera.height = source.height();
+    (*lens)->origin.focal /= factors.x();
   }
 }
 
@@ -304,8 +313,10 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
       return bad_input(fmt::format("{}: no frames", reader.source().description()));
     }
     if (stretch->names.empty() || callbacks.stopped()) break;
-    make_square(reader.source().pixel_aspect(), &stretch->tracks);
+    const Eigen::Vector2d factors = Eigen::Vector2d(reader.source().pixel_aspect(), 1) / stretch->corner_side;
+    stretch_images(factors, &stretch->tracks);
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop, i < kFirstStretches);
+    make_as_stored(factors, reader.source(), &telling);
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
     if (telling.zooms || telling.lens) *zoom = {};
@@ -477,7 +488,6 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     Result<Telling> asked = ask_footage(settings, **reader, callbacks, zoom);
     if (!asked) return asked.error();
     telling = *std::move(asked);
-    make_as_stored((*reader)->source(), &telling);
     // What a map of a mere turn says of the lens is chance.
     const bool only_turns = telling.reason.starts_with("pure rotation");
     if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
@@ -502,7 +512,9 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
   perspective.camera = camera;
   const std::optional<Lens> lens = lens_of(perspective);
   if (!lens || std::ssize(views) < kLeastViews) return std::nullopt;
-  const PointTracks tracks = without_distortion(corner_tracks(views, number), camera, *lens);
+  PointTracks tracks = without_distortion(corner_tracks(views, number), camera, *lens);
+  const double side = octave_side(views[0]->cameras[number].octaves->first());
+  stretch_images(Eigen::Vector2d::Constant(1 / side), &tracks);
   SolveOptions options;
   options.lens = LensChange::kFixed;
   options.radial = RadialChoice::kNone;
@@ -516,7 +528,7 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
   const double width = tracks.image_size.x();
   if (!(focal > kLeastFocal * width && focal < kMostFocal * width) || !std::isfinite(sigma))
     return std::nullopt;
-  return CornerFocal{focal, sigma / focal};
+  return CornerFocal{focal * side, sigma / focal};
 }
 
 std::vector<CameraFit> fits_of_cameras(const Reconstruction& r, const TrackingRig& rig) {
@@ -602,7 +614,6 @@ std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bo
   ZoomedStretch zoom;
   Result<Telling> asked = ask_footage(settings, **reader, callbacks, &zoom);
   if (!asked || zoom.last_frame >= 0 || callbacks.stopped()) return std::nullopt;
-  make_as_stored((*reader)->source(), &*asked);
   if (!asked->lens && is_alone)
     return lens_by_tracking(settings, (*reader)->source(), asked->vague, callbacks);
   return asked->lens;

@@ -25,6 +25,7 @@ struct SolveInput {
   std::vector<ExifLens> exif;               // the lenses that photos name
   bool in_order = true;                     // an image sees what the one before sees
   std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
+  double corner_side = 1;                   // pixels that one is of the octave where corners are found
   std::vector<uint8_t> keyframe;            // 1: takes part in the start and the adjustment
   std::vector<DescribedImage> described;    // key frames of a video, in the order of time
   std::vector<std::array<uint8_t, 3>> rgb;  // of the points; empty: unknown

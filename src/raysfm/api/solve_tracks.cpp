@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <span>
 
+#include "raysfm/core/median.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
@@ -122,6 +123,7 @@ void TrackJoiner::make_keyframe(const ViewPtr& view, std::vector<Sighting> sight
   describe(camera, sightings);
   input_.keyframe.back() = 1;
   ++keyframes_;
+  corner_sides_.push_back(octave_side(camera.octaves->first()));
   followed_.push_front(std::move(followed));
   if (followed_.size() > kFollowed) followed_.pop_back();
 }
@@ -233,6 +235,7 @@ void TrackJoiner::forget_marks() {
 SolveInput TrackJoiner::finish() {
   if (!marks_.empty()) forget_marks();
   keep_seen_twice(&input_);
+  if (!corner_sides_.empty()) input_.corner_side = median_of(&corner_sides_);
   return std::move(input_);
 }
 

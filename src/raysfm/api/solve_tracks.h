@@ -55,6 +55,7 @@ class TrackJoiner {
   SolveInput input_;
   FixedMarks marks_;
   int keyframes_ = 0, pictures_ = 0;
+  std::vector<double> corner_sides_;  // of key frames
   int newest_picture_ = -1;        // the newest frame that repeats no other
   std::deque<Followed> followed_;  // the newest key frame first
   std::vector<int> last_frame_;    // that saw a track

@@ -2,11 +2,13 @@
 
 namespace raysfm {
 
-bool stretch(double factor, Camera* camera) {
+bool stretch(const Eigen::Vector2d& factors, Camera* camera) {
   const auto stretched = [&](auto& model) {
-    if constexpr (requires { model.fx, model.cx; }) {
-      model.fx *= factor;
-      model.cx = (model.cx + 0.5) * factor - 0.5;
+    if constexpr (requires { model.fx, model.fy; }) {
+      model.fx *= factors.x();
+      model.fy *= factors.y();
+      model.cx = (model.cx + 0.5) * factors.x() - 0.5;
+      model.cy = (model.cy + 0.5) * factors.y() - 0.5;
       return true;
     } else {
       return false;

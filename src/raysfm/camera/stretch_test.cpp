@@ -8,17 +8,18 @@ namespace raysfm {
 namespace {
 
 template <typename Model>
-void expect_same_rays(double factor) {
+void expect_same_rays(const Eigen::Vector2d& factors) {
   for (const Model& model : testing_support::fixtures<Model>()) {
     Camera camera;
     camera.model = model;
     camera.width = 640, camera.height = 480;
     Camera wide = camera;
-    ASSERT_TRUE(stretch(factor, &wide));
+    ASSERT_TRUE(stretch(factors, &wide));
     for (double v = 100; v < 400; v += 50) {
       for (double u = 150; u < 500; u += 50) {
         Ray before, after;
-        ASSERT_EQ(camera.ray({u, v}, &before), wide.ray({(u + 0.5) * factor - 0.5, v}, &after));
+        const Eigen::Vector2d pixel(u, v), half(0.5, 0.5);
+        ASSERT_EQ(camera.ray(pixel, &before), wide.ray((pixel + half).cwiseProduct(factors) - half, &after));
         EXPECT_LT((before.direction - after.direction).norm(), 1e-9);
       }
     }
@@ -26,17 +27,17 @@ void expect_same_rays(double factor) {
 }
 
 TEST(Stretch, EveryPointSeesWhatItSaw) {
-  for (const double factor : {0.75, 1.0, 1.4}) {
-    expect_same_rays<Pinhole>(factor);
-    expect_same_rays<Radtan>(factor);
-    expect_same_rays<KannalaBrandt>(factor);
+  for (const auto& factors : {Eigen::Vector2d(0.75, 1), {1, 1}, {1.4, 1}, {0.5, 0.5}, {2, 3}}) {
+    expect_same_rays<Pinhole>(factors);
+    expect_same_rays<Radtan>(factors);
+    expect_same_rays<KannalaBrandt>(factors);
   }
 }
 
-TEST(Stretch, IsRefusedWithoutAFocalLengthInX) {
+TEST(Stretch, IsRefusedWithoutFocalLengths) {
   Camera camera;
   camera.model = testing_support::fixtures<OCam>()[0];
-  EXPECT_FALSE(stretch(1.4, &camera));
+  EXPECT_FALSE(stretch({1.4, 1}, &camera));
 }
 
 }  // namespace

@@ -38,7 +38,10 @@ constexpr double kDoubtful = 0.45;
 constexpr int kTimesDropped = 2;  // after which a photo stays out
 constexpr int kStarts = 4;        // of photos, while they lead to no more than most of them
 constexpr double kMost = 0.8;
-constexpr double kLeastParallax = 6;  // of a point, pixels
+constexpr double kLeastParallax = 2;  // of a point, in errors of an inlier at most
+// Of an inlier, as a part of the image's width, as long as the lens is a guess: what is wrong with it makes
+// errors that grow with the image. Of 560 pixels that is 3.
+constexpr double kGuessedError = 0.0054;
 constexpr int kFewImages = 5;         // that tell no lens yet
 constexpr int kRounds = 12;           // of lens and scene in turn, at most
 constexpr double kSmallStep = 0.005;  // of a lens, in standard deviations of the guess
@@ -116,6 +119,7 @@ class RayGrowth {
   RayReconstruction r_;
   std::vector<std::vector<int>> of_image_, of_point_;  // observations
   Eigen::VectorXd values_, sigma_;                     // of the parameters: present, and of the guess
+  double max_error_;                                   // of an inlier, pixels
   std::vector<uint8_t> has_ray_, tried_;
   size_t agreement_ = 0;              // the one of agreements() that images are posed by at present
   std::vector<int> dropped_;          // how often each image was
@@ -130,7 +134,8 @@ RayGrowth::RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOp
       parameters_(Rig{{guess}}),
       of_image_(tracks.image_count),
       of_point_(tracks.point_count),
-      values_(Eigen::VectorXd::Zero(parameters_.size())) {
+      values_(Eigen::VectorXd::Zero(parameters_.size())),
+      max_error_(std::max(options.max_error_px, options.is_known ? 0.0 : kGuessedError * guess.width)) {
   r_.camera = parameters_.given().cameras[0];
   r_.cam_from_world.resize(tracks.image_count);
   r_.points.assign(tracks.point_count, Eigen::Vector3d::Zero());
@@ -226,7 +231,7 @@ ThreeViewStart RayGrowth::three_view_start(const std::array<int, 3>& images, std
     bearings[2].push_back(ray_[k]);
   }
   ThreeViewOptions options;
-  options.max_error = options_.max_error_px / r_.camera.pixels_per_radian();
+  options.max_error = max_error_ / r_.camera.pixels_per_radian();
   options.seed = options_.seed;
   options.stream = static_cast<uint64_t>(images[0]);
   options.searches = 1;  // to a lens that is guessed a better fit means little, and photos have many threes
@@ -317,7 +322,7 @@ bool RayGrowth::pose(int image) {
     if (r_.image_posed[j] && (nearest < 0 || std::abs(j - image) < std::abs(nearest - image))) nearest = j;
   }
   PoseOptions options;
-  options.max_error_px = options_.max_error_px;
+  options.max_error_px = max_error_;
   const Agreement& enough = agreements()[agreement_];
   options.min_inliers =
       std::max(enough.points, static_cast<int>(enough.part * static_cast<double>(points.size())));
@@ -341,14 +346,14 @@ bool RayGrowth::place(std::vector<Ray>* rays, Eigen::Vector3d* point) const {
   Triangulation t;
   for (;;) {
     if (rays->size() < 2 || !triangulate(*rays, &t)) return false;
-    if (t.max_angle * pixels_per_radian <= options_.max_error_px) break;
+    if (t.max_angle * pixels_per_radian <= max_error_) break;
     if (rays->size() <= enough) return false;
     const auto cosine = [&](const Ray& ray) {
       return ray.direction.dot((t.point - ray.origin).normalized());
     };
     rays->erase(std::ranges::min_element(*rays, {}, cosine));
   }
-  if (t.parallax * pixels_per_radian < kLeastParallax) return false;
+  if (t.parallax * pixels_per_radian < kLeastParallax * max_error_) return false;
   *point = t.point;
   return true;
 }
@@ -400,12 +405,12 @@ void RayGrowth::adjust() {
   constexpr double kWide = 5;
   ProblemPart part = this->part();
   const BundleProblem problem = part.problem();
-  update_inliers(problem, kWide * options_.max_error_px);
+  update_inliers(problem, kWide * max_error_);
   const BundleOptions options{.loss = kRayLoss,
                               .max_iterations = kIterations,
                               .min_relative_decrease = 1e-4,
                               .threads = options_.threads};
-  adjuster_.adjust_two_stage(problem, options, options_.max_error_px);
+  adjuster_.adjust_two_stage(problem, options, max_error_);
   std::vector<int> good(part.points.size(), 0), seen(part.points.size(), 0);
   for (size_t i = 0; i < part.observations.size(); ++i) {
     good[part.observations[i].point] += part.inlier[i];
@@ -532,6 +537,10 @@ void RayGrowth::complete() {
       settle();
     }
   } while (!options_.in_order && !stopped() && drop_doubtful());
+  if (max_error_ > options_.max_error_px) {
+    max_error_ = options_.max_error_px;
+    settle();
+  }
   if (r_.posed < 2) r_.posed = 0;
 }
 

@@ -19,6 +19,7 @@ constexpr double kBent = 0.9, kWideCorner = 52;
 // Angles that the width of the image is guessed to span, degrees: of a fisheye whose circle lies within the
 // image more than there is.
 constexpr double kGuesses[] = {140, 105, 190, 250};
+constexpr double kNearlyAll = 0.55;   // observations, of all: some points are too far to be told
 constexpr double kEnoughPosed = 0.9;  // images, of those that a perspective lens poses
 constexpr double kEnoughCommon =
     0.3;                             // observations that both explain, of those that a perspective lens does
@@ -42,13 +43,25 @@ std::vector<Camera> guesses(const Eigen::Vector2d& size) {
   return cameras;
 }
 
-// The first that reaches enough images, else the one that reaches most.
+// Observations that a reconstruction agrees with; of one that does not know its lens, none.
+int64_t explained_by(const RayReconstruction& r) {
+  return std::isfinite(r.sigma.focal) ? std::ranges::count(r.inlier, 1) : 0;
+}
+
+// Of those that reach enough images the one that explains most, the first where that is nearly all; else the
+// one that reaches most.
 RayReconstruction best_guess(const PointTracks& tracks, double enough, const RayOptions& options) {
   RayReconstruction best;
+  int64_t most = -1;
   for (const Camera& guess : guesses(tracks.image_size)) {
-    if (best.posed >= enough || (options.stopped && options.stopped())) break;
+    if (static_cast<double>(most) >= kNearlyAll * tracks.size() || (options.stopped && options.stopped()))
+      break;
     RayReconstruction r = reconstruct_along_rays(tracks, guess, options);
-    if (r.posed > best.posed) best = std::move(r);
+    const int64_t explained = r.posed >= enough ? explained_by(r) : -1;
+    if (explained > most || (most < 0 && r.posed > best.posed)) {
+      most = explained;
+      best = std::move(r);
+    }
   }
   return best;
 }

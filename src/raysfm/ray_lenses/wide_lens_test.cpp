@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "raysfm/core/random.h"
@@ -117,6 +118,20 @@ TEST_P(AlongRays, LensIsFoundFromAGuessFarOff) {
 }
 INSTANTIATE_TEST_SUITE_P(Guesses, AlongRays, testing::Values(0.65, 1.0, 1.6));
 
+// What is wrong with a guess makes larger errors in larger images.
+TEST(RayLens, LensOfALargeImageIsFoundFromAGuessFarOff) {
+  Camera truth = camera_of(KannalaBrandt{873, 873, 1297, 941, 0.02, -0.004});
+  truth.width = 2560, truth.height = 1920;
+  for (const double factor : {0.65, 1.6}) {
+    Camera guess = truth;
+    guess.model = KannalaBrandt{factor * 873, factor * 873, 1279.5, 959.5};
+    const RayReconstruction r = reconstruct_along_rays(film(truth).tracks, guess, {});
+    EXPECT_EQ(r.posed, 14);
+    EXPECT_NEAR(r.camera.pixels_per_radian(), 873, 2);
+    EXPECT_LT(r.sigma.focal, 0.005);
+  }
+}
+
 TEST(RayLens, TooFewPointsAreNoStart) {
   Room room = film(camera_of(kFisheye), 5);
   PointTracks few = room.tracks;
@@ -163,6 +178,21 @@ TEST(WideLens, FisheyeIsFoundWhereNoPerspectiveLensIs) {
 TEST(WideLens, PerspectiveLensIsNoFisheyeWhereNoneIsFound) {
   const Room room = film(camera_of(Pinhole{330, 330, 316, 243}));
   EXPECT_FALSE(find_wide_lens(room.tracks, nullptr, {}).found);
+}
+
+// From the first guess all images may have a pose, and nothing is known of the lens.
+TEST(WideLens, AGuessThatTellsNoLensIsNotTheLast) {
+  for (const double degrees : {85, 90, 110}) {
+    Camera truth;
+    truth.width = 1280, truth.height = 960;
+    const double focal = 1280 / (degrees * std::numbers::pi / 180);
+    truth.model = KannalaBrandt{focal, focal, 647, 476, -0.02, 0.003};
+    for (const int images : {4, 5, 6}) {
+      const WideLensSearch search = find_wide_lens(film(truth, images).tracks, nullptr, {});
+      ASSERT_TRUE(search.found) << degrees << " degrees, " << images << " images";
+      EXPECT_NEAR(search.found->camera.pixels_per_radian(), focal, 0.005 * focal);
+    }
+  }
 }
 
 TEST(WideLens, UsualLensesAreNotLookedAtTwice) {
