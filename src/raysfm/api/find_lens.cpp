@@ -442,6 +442,14 @@ FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTr
   return lens;
 }
 
+std::string vague_lens_warning(const LensOrigin& origin) {
+  if (origin.source != "footage" || !(origin.focal_sigma > kSure)) return "";
+  return fmt::format(
+      "the footage tells the focal length to {:.0f} % only, and the map no better: the path may be bent by "
+      "that; give --camera or --fov",
+      100 * origin.focal_sigma);
+}
+
 std::string wide_lens_warning(const Camera& camera) {
   FrameLens perspective;
   perspective.camera = camera;

@@ -33,6 +33,10 @@ double posed_share(const UncalibratedReconstruction& found);
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed);
 
+// What there is to say of a lens that the footage tells badly, for a map that does not tell it either; empty
+// of others.
+std::string vague_lens_warning(const LensOrigin& origin);
+
 // What there is to say of a lens found by a model with k1 and k2 alone and compared with no other, where it
 // is wider than these are good for; empty of others.
 std::string wide_lens_warning(const Camera& camera);

@@ -532,6 +532,8 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   }
   if (read->stopped) explain_interruption(&out.reconstruction);
   warn(callbacks.event, start_warning(out.reconstruction), &warnings);
+  if (!tells_focals(out.reconstruction.calibration))
+    warn(callbacks.event, vague_lens_warning(sources->origin), &warnings);
   warn(callbacks.event, unit_warning(out.reconstruction.rig, *sources), &warnings);
   out.report = make_report(settings, tracker, *sources, read->decode);
   out.report.warnings = std::move(warnings);

@@ -10,11 +10,12 @@ namespace raysfm {
 // How well simple motions explain the matches of images far apart: shares of the matches that agree with an
 // epipolar geometry, in [0, 1], which three quarters of the pairs exceed.
 struct MotionShares {
-  double homography = 0;         // also agree with a homography: a turning camera, or a plane
-  double mostly_homography = 0;  // the same, which half of the pairs exceed
-  double rotation = 0;           // of pairs whose homography has the eigenvalues of a rotation
-  double translation = 0;        // also move along lines through one point: no rotation
-  double moved = 0;  // median of pairs of the median displacement, share of the image's larger side
+  double homography = 0;  // also agree with a homography: a turning camera, or a plane
+  double turn = 0;  // the same to the error of an inlier, through one lens that may bend lines; half of the
+                    // pairs exceed it
+  double rotation = 0;     // of pairs whose homography then has the eigenvalues of a rotation
+  double translation = 0;  // also move along lines through one point: no rotation
+  double moved = 0;        // median of pairs of the median displacement, share of the image's larger side
   int pairs = 0;
 };
 
@@ -28,5 +29,8 @@ struct HopelessMotion {
   std::string why;
 };
 HopelessMotion hopeless_motion(const MotionShares& shares);
+
+// Whether a turn explains so much that what else there is may be anything: a rolling shutter, a hand.
+bool nearly_turns(const MotionShares& shares);
 
 }  // namespace raysfm

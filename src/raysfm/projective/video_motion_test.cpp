@@ -15,6 +15,7 @@ struct Way {
   double translation = 0;  // of the whole, the points being 4 to 9 away
   double rotation = 0;     // radians
   bool plane = false;
+  double k1 = 0;
 };
 
 // Tracks with 0.3 px of noise of 12 images of 640 x 480.
@@ -38,8 +39,10 @@ PointTracks film(const Way& way) {
     for (int i = 0; i < kPoints; ++i) {
       const Eigen::Vector3d x = rotation * (points[i] - centre);
       if (!(x.z() > 1)) continue;
-      const Eigen::Vector2d p =
-          lens.pixel(x.hnormalized()) + 0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
+      const Eigen::Vector2d straight = x.hnormalized();
+      if (straight.squaredNorm() > 1) continue;  // beyond it the polynomial folds back
+      const Eigen::Vector2d p = lens.pixel(straight * (1 + way.k1 * straight.squaredNorm())) +
+                                0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
       if (p.x() > 0 && p.y() > 0 && p.x() < 639 && p.y() < 479) tracks.add(j, i, p);
     }
   }
@@ -75,6 +78,14 @@ TEST(VideoMotion, RotationIsNamed) {
   EXPECT_EQ(hopeless_motion(shares_of({.translation = 0, .rotation = 0.4})).name, "pure rotation");
   // A hand does not turn a camera about its centre.
   EXPECT_EQ(hopeless_motion(shares_of({.translation = 0.02, .rotation = 0.4})).name, "pure rotation");
+}
+
+// A turn through a lens that bends lines is no homography, but near one, as is a turn with a step aside.
+TEST(VideoMotion, RotationIsToldFromALittleParallax) {
+  for (const double k1 : {-0.2, -0.1, 0.1}) {
+    EXPECT_EQ(hopeless_motion(shares_of({.rotation = 0.4, .k1 = k1})).name, "pure rotation") << k1;
+    EXPECT_EQ(hopeless_motion(shares_of({.translation = 0.2, .rotation = 0.4, .k1 = k1})).name, "") << k1;
+  }
 }
 
 TEST(VideoMotion, PlaneIsNamed) {

@@ -345,6 +345,16 @@ void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, cons
   pose_between(ideal, keyframe, options, pool, result);
 }
 
+// Whether the focal length of the first posed image is, which stands for all where they share one, and most
+// images agree with it.
+bool is_surely_told(const UncalibratedReconstruction& r) {
+  constexpr double kSure = 0.02;  // standard deviation, as a part of it: a third of what real footage has
+  const auto image = std::ranges::find(r.image_posed, 1) - r.image_posed.begin();
+  if (image == std::ssize(r.image_posed) || r.lens_sigma.empty()) return false;
+  const double posed = double(std::ranges::count(r.image_posed, 1)) / double(r.image_posed.size());
+  return r.lens_sigma[image][0] < kSure * posed * r.scene.lenses[image].fx;
+}
+
 }  // namespace
 
 Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
@@ -355,16 +365,20 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
     return bad_input("keyframe: " + std::to_string(keyframe.size()) + " marks, must be " +
                      std::to_string(tracks.image_count));
   }
-  HopelessMotion hopeless;
+  MotionShares shares;
   if (video.in_order && !video.start) {
-    hopeless = hopeless_motion(motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed));
+    shares = motion_shares(tracks, marked(keyframe), options.max_error_px, options.seed);
+    const HopelessMotion hopeless = hopeless_motion(shares);
+    if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
   }
-  if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
   ThreadPool pool(video.threads - 1);
   Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto
                                                   ? build_both(tracks, keyframe, options, video, &pool)
                                                   : build_one(tracks, keyframe, options, video);
-  if (result) complete(tracks, keyframe, options, &pool, &*result);
+  if (!result) return result;
+  complete(tracks, keyframe, options, &pool, &*result);
+  if (nearly_turns(shares) && result->degenerate.empty() && !is_surely_told(*result))
+    result->degenerate = "pure rotation";
   return result;
 }
 
