@@ -56,9 +56,9 @@ class TrackJoiner {
   FixedMarks marks_;
   int keyframes_ = 0, pictures_ = 0;
   std::vector<double> corner_sides_;  // of key frames
-  int newest_picture_ = -1;        // the newest frame that repeats no other
-  std::deque<Followed> followed_;  // the newest key frame first
-  std::vector<int> last_frame_;    // that saw a track
+  int newest_picture_ = -1;           // the newest frame that repeats no other
+  std::deque<Followed> followed_;     // the newest key frame first
+  std::vector<int> last_frame_;       // that saw a track
   CornerAligner aligner_;
   Describer describer_;
   DescriptorSet descriptors_;
