@@ -186,10 +186,10 @@ void Odometry::close(const Meeting& meeting) {
     straighten(meeting, rig_, &map);
     carry_frames(active_, before);
   }
-  const bool is_still_bent = bent && is_bent(meeting, rig_, map);
+  const bool straight = !bent || is_straight(meeting, rig_, map);
   fuse(meeting.relation.points);
   // What straightens a large map leaves little to be done, the more often it was closed before.
-  if (bent && (map.keyframes.size() <= kLargeMap || is_still_bent || !fits_together(rig_, map))) {
+  if (bent && (map.keyframes.size() <= kLargeMap || !straight || !fits_together(rig_, map))) {
     adjust_all();
   } else {
     all_has_moved();

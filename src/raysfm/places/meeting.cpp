@@ -16,6 +16,8 @@ constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kSca
 // Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
 // are only brought together.
 constexpr double kDisagreement = 2;
+// The same after the drift was spread: key frames near the end that were closed before hold it back.
+constexpr double kLeftOver = 3;
 // Standard deviations that half of what a key frame sees is off by, of which noise makes 0.2 to 0.6; the part
 // of all key frames that may be off by more, some of which fit badly whatever is done.
 constexpr double kMisfit = 0.8, kMostUnfit = 0.01;
@@ -118,6 +120,10 @@ bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& her
 
 bool is_bent(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
   return disagreement(meeting, rig, map) > kDisagreement;
+}
+
+bool is_straight(const Meeting& meeting, const TrackingRig& rig, const Map& map) {
+  return disagreement(meeting, rig, map) < kLeftOver;
 }
 
 bool fits_together(const TrackingRig& rig, const Map& map) {

@@ -50,11 +50,15 @@ bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& her
 // spread over the path. Else they need only be brought together.
 bool is_bent(const Meeting& meeting, const TrackingRig& rig, const Map& map);
 
-// Whether nearly all key frames have their points where they see them, so that tracking loses none of these.
-bool fits_together(const TrackingRig& rig, const Map& map);
-
 // Spreads that drift.
 void straighten(const Meeting& meeting, const TrackingRig& rig, Map* map);
+
+// Whether straighten() has brought the two together but for what the adjustment of the newest key frames,
+// which takes those of the place in, can do.
+bool is_straight(const Meeting& meeting, const TrackingRig& rig, const Map& map);
+
+// Whether nearly all key frames have their points where they see them, so that tracking loses none of these.
+bool fits_together(const TrackingRig& rig, const Map& map);
 
 // What became of two worlds that were joined: the later one went into the earlier one.
 struct JoinedWorlds {
