@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "raysfm/core/median.h"
@@ -157,7 +158,7 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
   for (size_t first = 0; first + 1 < images.size(); first += step) {
     const int partner = farthest_partner(observations, images, first);
     if (partner < 0) continue;
-    const PairMatches matches = observations.matches(images[first], partner);
+    PairMatches matches = observations.matches(images[first], partner);
     std::vector<double> distances;
     for (size_t i = 0; i < matches.a.size(); ++i) distances.push_back((matches.b[i] - matches.a[i]).norm());
     moved.push_back(median_of(&distances) / side);
@@ -167,9 +168,9 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
     homography.push_back(
         double(inliers<Homography>(matches, std::max(max_error_px, kHomographyError * side), seed, &model)) /
         epipolar.inliers);
-    pairs.push_back({matches, epipolar.inliers});
     translation.push_back(double(inliers<Translation>(matches, max_error_px, seed, &model)) /
                           epipolar.inliers);
+    pairs.push_back({std::move(matches), epipolar.inliers});
   }
   MotionShares shares;
   shares.homography = lower_quartile(&homography);
@@ -177,9 +178,9 @@ MotionShares motion_shares(const PointTracks& tracks, std::span<const int> image
   shares.moved = median_of(&moved);
   shares.pairs = static_cast<int>(homography.size());
   if (shares.homography > kMayTurn) {
-    const Turns turns = best_turns(pairs, tracks.image_size, max_error_px, seed);
-    shares.turn = turns.explained;
-    shares.rotation = turns.rotation;
+    const Turns best = best_turns(pairs, tracks.image_size, max_error_px, seed);
+    shares.turn = best.explained;
+    shares.rotation = best.rotation;
   }
   return shares;
 }
