@@ -5,7 +5,7 @@
 #include <numeric>
 #include <set>
 
-#include "raysfm/odometry/extrinsics_check.h"
+#include "raysfm/matching/extrinsics_check.h"
 
 #include "support/panel_world.h"
 

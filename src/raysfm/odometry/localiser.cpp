@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 namespace raysfm {
@@ -23,6 +24,18 @@ constexpr PatchAlignmentOptions kFirstAlignment{
     .max_iterations = 10, .stop_px = 0.1f, .max_shift_px = 5, .min_zncc = kMinPoseZncc};
 constexpr PatchAlignmentOptions kAlignment{.min_zncc = kMinPoseZncc};
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
+
+// For a first pose, with each effort: radius as a part of the image's width, and points matched.
+constexpr std::array<std::pair<float, int>, 3> kSearch = {{{0.015f, 300}, {0.04f, 600}, {0.12f, 1000}}};
+// To believe a pose: points, and parts of the visible points of the anchor.
+constexpr int kMinMatches = 20;
+constexpr double kMinMatchedShare = 0.3, kGoodMatchedShare = 0.45;
+constexpr double kManyMatchedShare = 0.2;  // after a loss, where many points agree
+
+bool found_share(const Localisation& pose, double share) {
+  return pose.ok && static_cast<int>(pose.matches.size()) >= kMinMatches &&
+         pose.matched_with_anchor >= share * pose.visible_in_anchor;
+}
 
 int max_local_points(const TrackingRig& rig) {
   return kMaxLocalPoints * (rig.size() + 1) / 2;
@@ -480,6 +493,36 @@ bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigi
   *rig_from_world = estimate_.rig_from_world;
   *covariance = estimate_.covariance;
   return true;
+}
+
+SearchRange range_of(Effort effort, const View& view) {
+  const auto& [radius_share, coarse_points] = kSearch[static_cast<size_t>(effort)];
+  return {radius_share * static_cast<float>(view.cameras[0].width), coarse_points};
+}
+
+bool believable(const Localisation& pose) {
+  return found_share(pose, kMinMatchedShare);
+}
+
+bool convincing(const Localisation& pose) {
+  return found_share(pose, kGoodMatchedShare);
+}
+
+bool recognised(const Localisation& pose, const OdometryOptions& options) {
+  return convincing(pose) ||
+         (found_share(pose, kManyMatchedShare) && 4 * pose.matched_with_anchor >= options.min_matches);
+}
+
+Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
+  Localisation pose;
+  pose.ok = true;
+  pose.rig_from_world = keyframe.rig_from_world;
+  for (int f = 0; f < keyframe.size(); ++f) {
+    const int track = keyframe.tracks[f];
+    if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
+    pose.matches.push_back({{track, keyframe.cameras[f], keyframe.octaves[f], keyframe.pixels[f]}, true});
+  }
+  return pose;
 }
 
 }  // namespace raysfm

@@ -28,6 +28,8 @@ struct LocalMap {
   int anchor_points = 0;  // of them, those that the anchor sees
 };
 
+constexpr int kReach = 10;  // other key frames whose points are looked for
+
 // The points of the anchor, then those of the `reach` other key frames whose points its cameras would see
 // most of, whenever they were taken: a place seen before is recognised while the drift is smaller than the
 // search.
@@ -57,6 +59,11 @@ struct SearchRange {
       0;  // of the local map that are matched with corners, about; the others wait for the pose
 };
 
+// How the search widens.
+enum class Effort : uint8_t { kNear, kWide, kBlind };
+
+SearchRange range_of(Effort effort, const View& view);
+
 // What patches of a view are compared in.
 enum class Focus : uint8_t {
   kSharp,    // the octave in which they are as large as they were, or a finer one
@@ -80,6 +87,19 @@ struct Localisation {
 
   bool is_blurred() const { return 2 * blurred > static_cast<int>(matches.size()); }
 };
+
+// Whether so many points were found, and such a part of those of the anchor that should be visible, that
+// track goes on from there. Older key frames may show what is hidden now; what the anchor saw a moment ago
+// must be there still.
+bool believable(const Localisation& pose);
+// The same, and so many that a wider search is not worth its time.
+bool convincing(const Localisation& pose);
+// The same after a loss, when the guess behind it may be wrong. From another side much is hidden, and while
+// the camera shook much has gone out of sight; but the more points agree, the less it is by chance.
+bool recognised(const Localisation& pose, const OdometryOptions& options);
+
+// A key frame as if it had been localised, with its own observations.
+Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map);
 
 // Pose of a frame (LBA09 2.3): match with the map guided by a predicted pose, RANSAC, sub-pixel alignment,
 // refinement with covariance. Owns scratch memory.

@@ -9,30 +9,18 @@
 
 #include "raysfm/core/heap.h"
 #include "raysfm/core/median.h"
-#include "raysfm/geometry/interpolation.h"
 #include "raysfm/views/blindness.h"
 #include "raysfm/views/dead_features.h"
 
 namespace raysfm {
 namespace {
 
-constexpr int kReach = 10;  // key frames about the anchor whose points are looked for
 // Key frames after which a place is remembered: its points have positions then.
 constexpr int kPlaceAge = 5;
 // Key frames after which a track that has no position, and is not seen any more, is given up.
 constexpr int kFollowedFor = 2;
-// How the search widens: radius as a part of the image's width, and points matched for a first pose.
-struct Effort {
-  float radius_share;
-  int coarse_points;
-};
-constexpr Effort kNear{0.015f, 300}, kWide{0.04f, 600}, kBlind{0.12f, 1000};
 // Times the interval between two views before, for which nothing else may be seen while the rig moves.
 constexpr double kStandsAfter = 2.5;
-constexpr int kMinMatches = 20;
-constexpr double kMinMatchedShare = 0.3;    // of the visible points of the anchor
-constexpr double kGoodMatchedShare = 0.45;  // below, a wider search is worth its time
-constexpr double kManyMatchedShare = 0.2;   // after a loss, where many points agree
 // Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
@@ -48,46 +36,9 @@ constexpr int kMinKeyFrameGap = 2;  // frames without one, unless too little is 
 constexpr double kNearerBaseline = kKeyFrameBaseline / 3;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
 
-SearchRange range_of(const Effort& effort, const View& view) {
-  return {effort.radius_share * static_cast<float>(view.cameras[0].width), effort.coarse_points};
-}
-
-// Older key frames may show what is hidden now; what the anchor saw a moment ago must be there still.
-bool found_share(const Localisation& pose, double share) {
-  return pose.ok && static_cast<int>(pose.matches.size()) >= kMinMatches &&
-         pose.matched_with_anchor >= share * pose.visible_in_anchor;
-}
-
-bool believable(const Localisation& pose) {
-  return found_share(pose, kMinMatchedShare);
-}
-bool convincing(const Localisation& pose) {
-  return found_share(pose, kGoodMatchedShare);
-}
-
-// The same after a loss, when the guess behind it may be wrong. From another side much is hidden, and while
-// the camera shook much has gone out of sight; but the more points agree, the less it is by chance.
-bool recognised(const Localisation& pose, const OdometryOptions& options) {
-  return convincing(pose) ||
-         (found_share(pose, kManyMatchedShare) && 4 * pose.matched_with_anchor >= options.min_matches);
-}
-
 // A pose from large patches alone may be one by chance, far from the anchor.
 bool in_sight(const Localisation& pose) {
   return pose.ok && pose.visible_in_anchor >= kLeastInSight * pose.anchor_points;
-}
-
-// A key frame as if it had been localised, with its own observations.
-Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
-  Localisation pose;
-  pose.ok = true;
-  pose.rig_from_world = keyframe.rig_from_world;
-  for (int f = 0; f < keyframe.size(); ++f) {
-    const int track = keyframe.tracks[f];
-    if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
-    pose.matches.push_back({{track, keyframe.cameras[f], keyframe.octaves[f], keyframe.pixels[f]}, true});
-  }
-  return pose;
 }
 
 // A motion continued, or cut short: its rotation and translation by the same part, which may exceed 1.
@@ -236,46 +187,6 @@ void Odometry::forget_marks() {
   adjust_all();
 }
 
-void Odometry::start(const ViewPtr& view) {
-  ScopedTimer timer(start_timing_);
-  const int attempts = starter_->attempts();
-  std::optional<Start> start = starter_->push(view, mapper_);
-  if (starter_->attempts() > attempts && !start) {
-    observer_->start_refused({view->frame, starter_->last_reason()});
-  }
-  if (!start) return;
-  const std::vector<WaitingView> views = starter_->views();
-  starter_.emplace(rig_, options_);
-  begin_segment(std::move(*start), views);
-}
-
-void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {
-  const std::vector<int> chosen = start.summary.frames;
-  if (!segments_.empty()) {
-    segment().views = std::vector<KeyFrameView>();  // what was seen of it is remembered without images
-    settle_until(views.front().frame);
-  }
-  segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
-  active_ = static_cast<int>(segments_.size()) - 1;
-  last_seen_.reset();
-  turner_.end();
-  segment().calibration = calibration_;
-  motion_watch_.restart();
-  observer_->world_started({world(), start.summary});
-  map_covariance_.follow(rig_, segment().map, world());
-  pose_start_frames(start, views);
-  pose_earlier_frames(views, start.first_view);
-  pose_copies(views);
-  if (rig_.scans()) refine_start();
-
-  const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
-  previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
-  learn_velocity();
-  if (rig_.scans()) previous_->pose.velocity = present_velocity(chosen[2]);
-  set_anchor(2);
-  for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
-}
-
 // Of the newest posed view, from the frame before it.
 void Odometry::learn_velocity() {
   const int frame = previous_->view->frame;
@@ -296,100 +207,6 @@ void Odometry::set_anchor(int keyframe) {
           (segment().map.keyframes[keyframe].rig_from_world * segment().map.tracks[p.track].position).norm());
   }
   anchor_distance_ = median_of(&distances);
-}
-
-// Poses a frame of the start against the key frame nearest in time, and records it. Without corners where it
-// has none any more.
-bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
-                         Rigid3* rig_from_world) {
-  const Map& map = segment().map;
-  const Localisation pose = view.detected()
-                                ? localiser_.localise(map, segment().views, local, view, predicted,
-                                                      range_of(sure ? kNear : kWide, view))
-                                : localiser_.follow(map, segment().views, local, view, predicted);
-  if (!believable(pose)) {
-    std::string& reason = frames_[view.frame].reason;
-    if (reason.empty())
-      reason = fmt::format("not matched with the start at frame {}", map.keyframes[0].frame);
-    return false;
-  }
-  record(view.frame, pose, local.anchor);
-  *rig_from_world = pose.rig_from_world;
-  return true;
-}
-
-// A frame between key frames of the start, posed first by what the corner tracker saw, which may be all there
-// is of a view that was released.
-void Odometry::pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local) {
-  if (frames_[waiting.frame].segment >= 0) return;  // it was posed as one that turns
-  const Map& map = segment().map;
-  const MapKeyFrame &a = map.keyframes[local.anchor], &b = map.keyframes[local.anchor + 1];
-  const double part =
-      double(rank_of(waiting.frame) - rank_of(a.frame)) / double(rank_of(b.frame) - rank_of(a.frame));
-  const Rigid3 between = interpolate(a.rig_from_world, b.rig_from_world, part);
-  const Localisation seen = localiser_.pose_from_matches(
-      map, start.seen[view - start.first_view - 1], static_cast<uint64_t>(rank_of(waiting.frame)), between);
-  if (waiting.same_as >= 0) return;
-  Rigid3 pose = seen.ok ? seen.rig_from_world : between;
-  if (waiting.images() && pose_near(*waiting.images(), local, pose, seen.ok, &pose)) return;
-  if (waiting.view) return;
-  frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
-  if (seen.ok) record(waiting.frame, seen, local.anchor);
-}
-
-// Key frames of the start and the frames between.
-void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingView>& views) {
-  const Map& map = segment().map;
-  LocalMap local;
-  int next = 0;  // key frame
-  for (int i = start.first_view; next < 3; ++i) {
-    if (views[i].frame != map.keyframes[next].frame) {
-      pose_between(start, views[i], i, local);
-      continue;
-    }
-    record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
-    observer_->keyframe_added({views[i].frame, world(), next});
-    local = make_local_map(map, segment().views, rig_, next, kReach);
-    ++next;
-    if (rig_.scans() && next < 3) localiser_.set_velocity(start_velocity(next));
-  }
-}
-
-// Frames before the first key frame: back in time while the map reaches.
-void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int first_view) {
-  Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
-  const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
-  if (rig_.scans()) localiser_.set_velocity(start_velocity(1));
-  for (int i = first_view - 1; i >= 0; --i) {
-    if (!views[i].images()) continue;
-    if (frames_[views[i].frame].segment >= 0) break;
-    Rigid3 pose;
-    if (!pose_near(*views[i].images(), local, velocity * next, false, &pose)) break;
-    velocity = pose * next.inverse();
-    next = pose;
-  }
-  for (int i = 0; i < first_view; ++i) {
-    FrameRecord& frame = frames_[views[i].frame];
-    if (frame.segment < 0 && frame.reason.empty()) {
-      frame.reason = fmt::format("before the start at frame {}", segment().map.keyframes[0].frame);
-    }
-  }
-}
-
-// Views that show the same as an earlier one have its pose.
-void Odometry::pose_copies(const std::vector<WaitingView>& views) {
-  for (const WaitingView& copy : views) {
-    if (copy.same_as < 0) continue;
-    const FrameRecord& original = frames_[views[copy.same_as].frame];
-    FrameRecord& frame = frames_[copy.frame];
-    if (frame.segment >= 0 || original.segment != world()) continue;
-    frame.segment = original.segment;
-    frame.keyframe = original.keyframe;
-    frame.rig_from_keyframe = original.rig_from_keyframe;
-    frame.covariance = original.covariance;
-    frame.reason.clear();
-    tell_posed(copy.frame);
-  }
 }
 
 // Of a frame that had no pose, and of those that repeat it.
@@ -454,7 +271,7 @@ Localisation Odometry::search(const View& view) {
     const Rigid3 predicted = attempt == 1   ? turned(*previous_->view, view) * still
                              : attempt == 3 ? still
                                             : moving;
-    const Effort& effort = attempt == 0 ? kNear : attempt == 3 ? kBlind : kWide;
+    const Effort effort = attempt == 0 ? Effort::kNear : attempt == 3 ? Effort::kBlind : Effort::kWide;
     Localisation pose =
         localiser_.localise(segment().map, segment().views, local_, view, predicted, range_of(effort, view));
     if (convincing(pose)) return pose;
@@ -731,8 +548,9 @@ bool Odometry::relocalise(const ViewPtr& view) {
   const int newest = static_cast<int>(map.keyframes.size()) - 1;
   if (segment().views[newest].view) {
     const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
-    const Localisation pose = localiser_.localise(
-        map, segment().views, local, *view, map.keyframes[newest].rig_from_world, range_of(kBlind, *view));
+    const Localisation pose =
+        localiser_.localise(map, segment().views, local, *view, map.keyframes[newest].rig_from_world,
+                            range_of(Effort::kBlind, *view));
     if (convincing(pose) && take_up(view, newest, pose.rig_from_world, false)) return true;
   }
   if (recall(view)) return true;
@@ -766,7 +584,7 @@ bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from
   const Map& map = segment().map;
   const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
   Localisation pose =
-      localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(kNear, *view));
+      localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(Effort::kNear, *view));
   if (!recognised(pose, options_) && !(corners_agree && believable(pose))) return false;
   resume(view, keyframe, std::move(pose));
   return true;

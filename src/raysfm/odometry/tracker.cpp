@@ -6,7 +6,7 @@
 #include <cmath>
 #include <utility>
 
-#include "raysfm/odometry/extrinsics_check.h"
+#include "raysfm/matching/extrinsics_check.h"
 #include "raysfm/views/sight_mask.h"
 
 namespace raysfm {

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/extrinsics_check.h"
+#include "raysfm/matching/extrinsics_check.h"
 
 #include <fmt/format.h>
 
