@@ -6,6 +6,7 @@
 #include <set>
 #include <string>
 
+#include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/camera/model_check.h"
 #include "raysfm/features/octaves.h"
 
@@ -19,6 +20,10 @@ constexpr double kRescaled = 0.1;  // logarithm of the factor to a scale that ma
 constexpr int kShutterKeyFrames = 8;
 constexpr int kLeastSeen = 3;  // key frames that see a point
 constexpr int kPointsPerKeyFrame = 10, kPointsOfFirst = 40;
+// Standard deviations, beyond which an observation says nothing of a calibration: a map that has moved since
+// it fitted may have brought its point next to the plane of the camera, where distortions are without
+// measure.
+constexpr double kMostError = 4;
 constexpr double kDoubt = 5;  // of a calibration that is told to be refined
 constexpr double kFar = 0.2;  // effect of a change after which residuals are linearised anew
 // Logarithm of the ratio of two focal lengths, and standard deviations of it, that a lens has zoomed.
@@ -144,6 +149,7 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
     }
     points_.push_back(map.tracks[t].position);
   }
+  fits_.assign(observations_.size(), 1);
 }
 
 CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingRig& rig, int world,
@@ -157,11 +163,12 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
                               .points = points_,
                               .point_is_fixed = {},
                               .observations = observations_,
-                              .is_inlier = {},
+                              .is_inlier = fits_,
                               .rays = rays_,
                               .lenses = {},
                               .sigmas = sigmas_,
                               .scale_prior = {}};
+  update_inliers(problem, kMostError);
   std::optional<CalibrationEvidence> evidence =
       measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);

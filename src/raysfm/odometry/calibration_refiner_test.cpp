@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <random>
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
@@ -92,6 +93,59 @@ TEST(CalibrationRefiner, AnExactCalibrationStays) {
   EXPECT_TRUE(run.heard.refined.empty());
   ASSERT_FALSE(run.result.calibration.empty());
   for (const CalibrationNumber& n : run.result.calibration) EXPECT_EQ(n.given, n.refined) << n.name;
+}
+
+// A map as the camera would have it, of points about it that it turns round; corners with a noise.
+Map noisy_map(const TrackingRig& rig) {
+  constexpr int kKeyFrames = 24, kPoints = 400;
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> place(-1, 1);
+  std::normal_distribution<float> noise(0, 0.3f);
+  Map map;
+  map.tracks.resize(kPoints);
+  for (Track& t : map.tracks) {
+    t.position = {3 * place(random), 2 * place(random), 2 * place(random)};
+    t.triangulated = true;
+  }
+  for (int k = 0; k < kKeyFrames; ++k) {
+    MapKeyFrame& keyframe = map.keyframes.emplace_back();
+    keyframe.frame = k;
+    const Eigen::Quaterniond turned = exp_so3({0.1 * std::sin(0.7 * k), 0.05 * k - 0.6, 0});
+    keyframe.rig_from_world = {turned, {0, 0, 5}};
+    for (int t = 0; t < kPoints; ++t) {
+      Eigen::Vector2d pixel;
+      if (!rig.see(0, keyframe.rig_from_world * map.tracks[t].position, &pixel)) continue;
+      const Eigen::Vector2f found = pixel.cast<float>() + Eigen::Vector2f(noise(random), noise(random));
+      map.observe(t, k, keyframe.add(0, found, 0, t));
+    }
+  }
+  return map;
+}
+
+// A key frame that no adjustment looks at any more still calls those inliers that were; points move.
+TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
+  const Rig given{{small_camera()}};
+  const TrackingRig rig(given, ErrorMeasure::kPixel);
+  const auto velocity_of = [](int) { return Velocity(Velocity::Zero()); };
+  const auto numbers_of = [&](const Map& map) {
+    CalibrationRefiner refiner(given, LensRefinement::kAuto);
+    refiner.measure(rig, 0, map, {}, velocity_of);
+    EXPECT_FALSE(refiner.better());
+    return refiner.numbers();
+  };
+  Map map = noisy_map(rig);
+  const std::vector<CalibrationNumber> before = numbers_of(map);
+  // Next to the plane of the last camera, far to the side.
+  const MapKeyFrame& last = map.keyframes.back();
+  for (int i = 0; i < 3; ++i) {
+    map.tracks[last.tracks[i]].position = last.rig_from_world.inverse() * Eigen::Vector3d(1, 0.3 * i, 0.05);
+  }
+  const std::vector<CalibrationNumber> after = numbers_of(map);
+  ASSERT_EQ(before.size(), after.size());
+  for (size_t i = 0; i < before.size(); ++i) {
+    EXPECT_EQ(before[i].told, after[i].told) << before[i].name;
+    EXPECT_NEAR(before[i].sigma, after[i].sigma, 0.1 * before[i].sigma) << before[i].name;
+  }
 }
 
 // One that is off by less than it takes to be changed is kept, and is as far off as what is likelier.

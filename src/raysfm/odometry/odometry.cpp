@@ -5,6 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
+#include <cstdlib>
 #include <utility>
 
 #include "raysfm/core/heap.h"
@@ -17,8 +18,6 @@ namespace {
 
 // Key frames after which a place is remembered: its points have positions then.
 constexpr int kPlaceAge = 5;
-// Key frames after which a track that has no position, and is not seen any more, is given up.
-constexpr int kFollowedFor = 2;
 // Times the interval between two views before, for which nothing else may be seen while the rig moves.
 constexpr double kStandsAfter = 2.5;
 // Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
@@ -187,11 +186,11 @@ void Odometry::forget_marks() {
   adjust_all();
 }
 
-// Of the newest posed view, from the frame before it.
+// Of the newest posed view, from the frame before it, or after it where time is gone through backwards.
 void Odometry::learn_velocity() {
-  const int frame = previous_->view->frame;
-  if (frame == 0) return;
-  const FrameRecord& last = record_of(frame - 1);
+  const int before_it = previous_->view->frame + (goes_back_ ? 1 : -1);
+  if (before_it < 0 || before_it >= frames()) return;
+  const FrameRecord& last = record_of(before_it);
   if (last.segment != world()) return;
   const Rigid3 before = present_pose(last, segment().map);
   previous_->velocity = previous_->pose.rig_from_world * before.inverse();
@@ -297,45 +296,50 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
 double Odometry::promote_previous(const Rigid3* next) {
   previous_->view = detected(previous_->view);
   if (rig_.scans()) {
-    previous_->pose.velocity = velocity_of(previous_->view->frame, previous_->pose.rig_from_world, next);
+    previous_->pose.velocity =
+        velocity_of(previous_->view->frame, previous_->pose.rig_from_world, goes_back_ ? nullptr : next);
   }
   return promote(previous_->view, previous_->pose, Adjusting::kNow);
 }
 
 void Odometry::track(ViewPtr view) {
-  Localisation pose = localise(&view);
+  const std::string failure = go_on(&view);
+  if (!failure.empty()) return lose(view, failure);
+  // With the key frame that makes another one old enough: what key frames cost is no other frame's.
+  look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
+  drop_second_looks();
+}
+
+// Poses the view by the map, to which it or the one before it is added where that is due. Says why it has no
+// pose; nothing where it has one.
+std::string Odometry::go_on(ViewPtr* view) {
+  Localisation pose = localise(view);
   if (!believable(pose) && previous_may_help()) {
     promote_previous(nullptr);
-    pose = localise(&view);
+    pose = localise(view);
   }
   if (!believable(pose)) {
-    lose(view, pose.ok ? fmt::format("{} of the {} points seen last were found again",
-                                     pose.matched_with_anchor, pose.visible_in_anchor)
-                       : pose.reason);
-    return;
+    return pose.ok ? fmt::format("{} of the {} points seen last were found again", pose.matched_with_anchor,
+                                 pose.visible_in_anchor)
+                   : pose.reason;
   }
-  follow_scan(*view, &pose);
+  follow_scan(**view, &pose);
   const bool needed = needs_keyframe(pose);
   if (needed && previous_is_due()) {
     Rigid3 step = pose.rig_from_world * previous_->pose.rig_from_world.inverse();
     step.translation *= promote_previous(&pose.rig_from_world);
     const Rigid3 predicted = step * previous_->pose.rig_from_world;
-    pose = localiser_.follow_again(segment().map, segment().views, local_, *view, predicted, pose.matches);
-    if (!convincing(pose)) pose = localise(&view);
-    if (!believable(pose)) {
-      lose(view, "the new key frame does not see what the frame sees");
-      return;
-    }
-    follow_scan(*view, &pose);
-  } else if ((needed || has_moved_on(view->frame, pose)) && is_due(pose)) {
-    view = detected(view);
-    promote(view, pose, needed ? Adjusting::kNow : Adjusting::kSoon);
+    pose = localiser_.follow_again(segment().map, segment().views, local_, **view, predicted, pose.matches);
+    if (!convincing(pose)) pose = localise(view);
+    if (!believable(pose)) return "the new key frame does not see what the frame sees";
+    follow_scan(**view, &pose);
+  } else if ((needed || has_moved_on((*view)->frame, pose)) && is_due(pose)) {
+    *view = detected(*view);
+    promote(*view, pose, needed ? Adjusting::kNow : Adjusting::kSoon);
     pose.rig_from_world = segment().map.keyframes.back().rig_from_world;
   }
-  accept(view, std::move(pose));
-  // With the key frame that makes another one old enough: what key frames cost is no other frame's.
-  look_about(static_cast<int>(segment().map.keyframes.size()) - kPlaceAge);
-  drop_second_looks();
+  accept(*view, std::move(pose));
+  return {};
 }
 
 // A blurred view makes a poor key frame: a better one is waited for, while most of the anchor is in sight.
@@ -358,7 +362,7 @@ bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
   const Rigid3 step = pose.rig_from_world * anchor.rig_from_world.inverse();
   const bool nearer = motion_watch_.is_much();
   return options_.departures.keyframes &&
-         rank_of(frame) - rank_of(anchor.frame) >= (nearer ? 1 : kMinKeyFrameGap) &&
+         std::abs(rank_of(frame) - rank_of(anchor.frame)) >= (nearer ? 1 : kMinKeyFrameGap) &&
          step.translation.norm() > (nearer ? kNearerBaseline : kKeyFrameBaseline) * anchor_distance_;
 }
 
@@ -390,23 +394,31 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose, Adjustin
   mapper_.add_keyframe(view, pose, adjusting, &segment().map, &segment().views);
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
-  refine_calibration(world(), false);
-  map_covariance_.follow(rig_, segment().map, world());
+  if (!goes_back_) {
+    refine_calibration(world(), false);
+    map_covariance_.follow(rig_, segment().map, world());
+  }
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
   at_keyframe.rig_from_world = segment().map.keyframes[keyframe].rig_from_world;
   record(view->frame, at_keyframe, keyframe);
   previous_->pose.rig_from_world = present_pose(frames_[previous_->view->frame], segment().map);
-  observer_->keyframe_added({view->frame, world(), keyframe});
+  if (!goes_back_) settle_behind(keyframe, factor);
+  set_anchor(keyframe);
+  return factor;
+}
+
+// What comes with a new key frame: it is told, and what is far behind it is not adjusted any more.
+void Odometry::settle_behind(int keyframe, double rescaled) {
+  const int frame = segment().map.keyframes[keyframe].frame;
+  observer_->keyframe_added({frame, world(), keyframe});
   forget_old_views();
   const int first_moved = settled_before_;
   const int settled = keyframe - options_.window;
   if (keyframe >= options_.global_until && settled >= 0) {
     settle_until(segment().map.keyframes[settled + 1].frame);
   }
-  observer_->map_adjusted({world(), first_moved, view->frame, factor});
-  set_anchor(keyframe);
-  return factor;
+  observer_->map_adjusted({world(), first_moved, frame, rescaled});
 }
 
 void Odometry::scale_pose(double factor, FrameRecord* frame) {
@@ -469,7 +481,7 @@ void Odometry::record(int number, const Localisation& pose, int keyframe, const 
   frame.reason.clear();
   frame.matches.clear();
   for (const PointMatch& m : pose.matches) frame.matches.push_back(m);
-  if (is_new) tell_posed(number);
+  if (is_new && !goes_back_) tell_posed(number);
 }
 
 // The pose again, now that later key frames have improved the points. A key frame keeps the pose that the

@@ -24,6 +24,8 @@
 namespace raysfm {
 
 constexpr int kKeptViews = 60;  // key frames whose images are kept
+// Key frames after which a track that has no position, and is not seen any more, is given up.
+constexpr int kFollowedFor = 2;
 
 // Time of each stage, one entry for each frame that it was needed in. `frame` is all of a frame's but
 // decoding.
@@ -198,15 +200,22 @@ class Odometry {
   std::string waiting_reason() const;
   FramePosed pose_of(int frame) const;
   void explain_blindness(const View& view);
+  // odometry_start.cpp:
   void start(const ViewPtr& view);
   void begin_segment(Start start, const std::vector<WaitingView>& views);
+  void go_on_from(const ViewPtr& view, int keyframe);
   void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
-  void pose_earlier_frames(const std::vector<WaitingView>& views, int first_view);
-  void pose_copies(const std::vector<WaitingView>& views);
-  bool pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
-                 Rigid3* rig_from_world);
   void pose_between(const Start& start, const WaitingView& waiting, int view, const LocalMap& local);
+  bool pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure);
+  void go_back(const std::vector<WaitingView>& views, int first_view);
+  void grow_back(const std::vector<WaitingView>& views, int end, int first_view);
+  void pose_earlier_frames(const std::vector<WaitingView>& views, int end, int first_view);
+  void reverse_time();
+  void hang_on_earlier_keyframes();
+  void pose_copies(const std::vector<WaitingView>& views);
+
   void track(ViewPtr view);
+  std::string go_on(ViewPtr* view);
   static Rigid3 moved_on(const Previous& from, const View& view);
   static Previous following(const Previous& before, const ViewPtr& view, Localisation pose);
   Localisation follow(const View& view);
@@ -256,6 +265,7 @@ class Odometry {
   bool has_moved_on(int frame, const Localisation& pose) const;
   bool needs_keyframe(const Localisation& pose) const;
   double promote(const ViewPtr& view, const Localisation& pose, Adjusting adjusting);
+  void settle_behind(int keyframe, double rescaled);
   static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
@@ -301,7 +311,8 @@ class Odometry {
   std::optional<Starter> starter_;
   TurnTracker turner_;  // while track is lost
   std::deque<SegmentState> segments_;
-  int active_ = -1;  // segment that is tracked, or was last
+  bool goes_back_ = false;  // through frames before a start
+  int active_ = -1;         // segment that is tracked, or was last
   std::deque<FrameRecord, SlabAllocator<FrameRecord>> frames_;
   std::deque<ViewPtr> waiting_;  // for those before them to be gone through
   std::optional<Previous> previous_;

@@ -90,7 +90,8 @@ void Odometry::refine_start() {
   SegmentState& s = segment();
   for (int round = 0; round < 2; ++round) {
     correct_scans(world(), 0);
-    for (int k = 0; k < 3; ++k) mapper_.triangulate_tracks(k, &s.map);
+    const int keyframes = static_cast<int>(s.map.keyframes.size());
+    for (int k = 0; k < keyframes; ++k) mapper_.triangulate_tracks(k, &s.map);
     mapper_.adjust_globally(&s.map);
     for (int i = 0; i < frames(); ++i) {
       FrameRecord& frame = frames_[i];

@@ -5,7 +5,10 @@
 #include <utility>
 
 #include "raysfm/geometry/interpolation.h"
+#include "raysfm/geometry/similarity.h"
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/places/map_fusion.h"
+#include "raysfm/scene/map_order.h"
 
 namespace raysfm {
 
@@ -37,22 +40,31 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   observer_->world_started({world(), start.summary});
   map_covariance_.follow(rig_, segment().map, world());
   pose_start_frames(start, views);
-  pose_earlier_frames(views, start.first_view);
+  if (start.first_view > 0) go_back(views, start.first_view);
+  for (int k = 0; const MapKeyFrame& keyframe : segment().map.keyframes) {
+    observer_->keyframe_added({keyframe.frame, world(), k++});
+  }
   pose_copies(views);
   if (rig_.scans()) refine_start();
 
+  const int newest = static_cast<int>(segment().map.keyframes.size()) - 1;
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
-  previous_ = Previous{third->view, seen_by_keyframe(segment().map.keyframes[2], segment().map), {}, 0};
-  learn_velocity();
-  if (rig_.scans()) previous_->pose.velocity = present_velocity(chosen[2]);
-  set_anchor(2);
+  go_on_from(third->view, newest);
   for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
+}
+
+// From a key frame whose view there is, as the newest that was posed.
+void Odometry::go_on_from(const ViewPtr& view, int keyframe) {
+  const Map& map = segment().map;
+  previous_ = Previous{view, seen_by_keyframe(map.keyframes[keyframe], map), {}, 0};
+  learn_velocity();
+  if (rig_.scans()) previous_->pose.velocity = present_velocity(view->frame);
+  set_anchor(keyframe);
 }
 
 // Poses a frame of the start against the key frame nearest in time, and records it. Without corners where it
 // has none any more.
-bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure,
-                         Rigid3* rig_from_world) {
+bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& predicted, bool sure) {
   const Map& map = segment().map;
   const Localisation pose = view.detected()
                                 ? localiser_.localise(map, segment().views, local, view, predicted,
@@ -65,7 +77,6 @@ bool Odometry::pose_near(const View& view, const LocalMap& local, const Rigid3& 
     return false;
   }
   record(view.frame, pose, local.anchor);
-  *rig_from_world = pose.rig_from_world;
   return true;
 }
 
@@ -81,8 +92,8 @@ void Odometry::pose_between(const Start& start, const WaitingView& waiting, int 
   const Localisation seen = localiser_.pose_from_matches(
       map, start.seen[view - start.first_view - 1], static_cast<uint64_t>(rank_of(waiting.frame)), between);
   if (waiting.same_as >= 0) return;
-  Rigid3 pose = seen.ok ? seen.rig_from_world : between;
-  if (waiting.images() && pose_near(*waiting.images(), local, pose, seen.ok, &pose)) return;
+  const Rigid3& pose = seen.ok ? seen.rig_from_world : between;
+  if (waiting.images() && pose_near(*waiting.images(), local, pose, seen.ok)) return;
   if (waiting.view) return;
   frames_[waiting.frame].reason = "too little was kept of it while it waited for the start";
   if (seen.ok) record(waiting.frame, seen, local.anchor);
@@ -99,31 +110,95 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
       continue;
     }
     record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
-    observer_->keyframe_added({views[i].frame, world(), next});
     local = make_local_map(map, segment().views, rig_, next, kReach);
     ++next;
     if (rig_.scans() && next < 3) localiser_.set_velocity(start_velocity(next));
   }
 }
 
-// Frames before the first key frame: back in time while the map reaches.
-void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int first_view) {
-  Rigid3 next = segment().map.keyframes[0].rig_from_world, velocity;
-  const LocalMap local = make_local_map(segment().map, segment().views, rig_, 0, kReach);
-  if (rig_.scans()) localiser_.set_velocity(start_velocity(1));
-  for (int i = first_view - 1; i >= 0; --i) {
-    if (!views[i].images()) continue;
-    if (frames_[views[i].frame].segment >= 0) break;
-    Rigid3 pose;
-    if (!pose_near(*views[i].images(), local, velocity * next, false, &pose)) break;
-    velocity = pose * next.inverse();
-    next = pose;
+// Frames before the first key frame.
+void Odometry::go_back(const std::vector<WaitingView>& views, int first_view) {
+  const auto is_posed = [&](int v) { return frames_[views[v].frame].segment >= 0; };
+  int end = first_view;
+  while (end > 0 && !is_posed(end - 1)) --end;  // before it are those that were posed as a turn
+  goes_back_ = true;
+  grow_back(views, end, first_view);
+  pose_earlier_frames(views, end, first_view);
+  goes_back_ = false;
+  hang_on_earlier_keyframes();
+  for (int v = 0; v < first_view; ++v) {
+    if (v >= end && is_posed(v)) tell_posed(views[v].frame);
+    std::string& reason = frames_[views[v].frame].reason;
+    if (is_posed(v) || !reason.empty()) continue;
+    reason = fmt::format("before the start at frame {}", views[first_view].frame);
   }
-  for (int i = 0; i < first_view; ++i) {
-    FrameRecord& frame = frames_[views[i].frame];
-    if (frame.segment < 0 && frame.reason.empty()) {
-      frame.reason = fmt::format("before the start at frame {}", segment().map.keyframes[0].frame);
+}
+
+// Back in time while the map reaches: it grows by key frames there as it does by later ones. They may have
+// seen from farther away what the three views of the start saw from close together.
+void Odometry::grow_back(const std::vector<WaitingView>& views, int end, int first_view) {
+  Map& map = segment().map;
+  const size_t started = map.keyframes.size();
+  reverse_time();
+  go_on_from(views[first_view].view, static_cast<int>(started) - 1);
+  for (int v = first_view - 1; v >= end && map.keyframes.size() < kKeptViews; --v) {
+    ViewPtr view = views[v].view;
+    if (view && !go_on(&view).empty()) break;
+  }
+  reverse_time();
+  if (map.keyframes.size() == started) return;
+  transform_map(similarity_of(map.keyframes[0].rig_from_world), &map);
+  map.keyframes[0].rig_from_world = {};
+  map_covariance_.follow(rig_, map, world());
+  const int old = static_cast<int>(map.keyframes.size()) - kFollowedFor;
+  for (int k = 0; k < old; ++k) drop_dead_features(k, false);
+}
+
+// The others, of some of which only coarse images were kept: each by the key frame after it, while the map
+// reaches.
+void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int end, int first_view) {
+  const Map& map = segment().map;
+  const auto posed = [&](int v) { return present_pose(frames_[views[v].frame], map); };
+  Rigid3 next = posed(first_view), velocity;
+  LocalMap local;
+  local.anchor = -1;
+  if (rig_.scans()) localiser_.set_velocity(present_velocity(views[first_view].frame));
+  for (int v = first_view - 1; v >= end; --v) {
+    const WaitingView& waiting = views[v];
+    if (frames_[waiting.frame].segment < 0) {
+      if (!waiting.images()) continue;
+      int after = 0;
+      while (map.keyframes[after].frame < waiting.frame) ++after;
+      if (after != local.anchor) local = make_local_map(map, segment().views, rig_, after, kReach);
+      if (!pose_near(*waiting.images(), local, velocity * next, false)) break;
     }
+    velocity = posed(v) * next.inverse();
+    next = posed(v);
+  }
+}
+
+// The newest key frame of the active world becomes the first.
+void Odometry::reverse_time() {
+  SegmentState& s = segment();
+  const int last = static_cast<int>(s.map.keyframes.size()) - 1;
+  reverse_keyframes(&s.map);
+  std::ranges::reverse(s.views);
+  for (FrameRecord& frame : frames_) {
+    if (frame.segment == world()) frame.keyframe = last - frame.keyframe;
+  }
+}
+
+// What was posed back in time hangs on the key frame after it.
+void Odometry::hang_on_earlier_keyframes() {
+  const Map& map = segment().map;
+  for (int f = 0; f < frames(); ++f) {
+    FrameRecord& frame = frames_[f];
+    if (frame.segment != world()) continue;
+    int before = frame.keyframe;
+    while (before > 0 && map.keyframes[before].frame > f) --before;
+    if (before == frame.keyframe) continue;
+    frame.rig_from_keyframe = present_pose(frame, map) * map.keyframes[before].rig_from_world.inverse();
+    frame.keyframe = before;
   }
 }
 

@@ -219,5 +219,37 @@ TEST(StarterMemory, ViewsThatWaitedForLongArePosed) {
   }
 }
 
+// Turns while it moves a little, and then moves only.
+Rigid3 turning_first(int frame) {
+  constexpr int kTurns = 30;
+  const double turned = 0.03 * std::min(frame, kTurns), moved = 0.04 * std::max(0, frame - kTurns);
+  const double before = 0.012 * std::min(frame, kTurns);
+  return Rigid3{exp_so3({0, turned - 0.6, 0}), {before + moved - 0.6, 0, 0.2 * moved}}.inverse();
+}
+
+// Views before those that a start is made of become key frames as well, of the same world.
+TEST(StarterViews, ThoseBeforeAStartBecomeKeyFrames) {
+  constexpr int kFrames = 60;
+  const PanelWorld world(kWorld);
+  const OdometryOptions options;
+  Odometry odometry(Rig{{small_camera()}}, options, {});
+  for (int i = 0; i < kFrames; ++i) odometry.process(film(world, small_camera(), turning_first(i), i));
+  const Reconstruction r = odometry.finish(false);
+  ASSERT_EQ(r.segments.size(), 1u);
+  const int first = r.starts[0].frames[0];
+  ASSERT_GT(first, 10);
+  ASSERT_GT(r.keyframes.size(), 4u);
+  EXPECT_LT(r.keyframes[1].frame, first);
+  for (size_t k = 1; k < r.keyframes.size(); ++k) EXPECT_LT(r.keyframes[k - 1].frame, r.keyframes[k].frame);
+  const auto place = [&](int frame) { return r.frames[frame].world_from_rig->translation; };
+  EXPECT_LT(place(r.keyframes[0].frame).norm(), 1e-12);  // it is the world now
+  const auto moved = [&](int from, int to) { return (place(to) - place(from)).norm(); };
+  const auto truly = [&](int from, int to) {
+    return (turning_first(to).inverse().translation - turning_first(from).inverse().translation).norm();
+  };
+  const int before = r.keyframes[0].frame, after = first + 20;
+  EXPECT_NEAR(moved(before, first) / moved(first, after), truly(before, first) / truly(first, after), 0.01);
+}
+
 }  // namespace
 }  // namespace raysfm
