@@ -21,6 +21,7 @@
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/frames/image_file.h"
 #include "raysfm/odometry/tracker.h"
+#include "raysfm/scene/weak_links.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/streams/view_stream.h"
 
@@ -401,6 +402,20 @@ std::string start_warning(const Reconstruction& r) {
       frames);
 }
 
+// Of the weakest place; empty where there is none.
+std::string link_warning(const Reconstruction& r) {
+  const std::vector<WeakLink> links = weak_links(r);
+  if (links.empty()) return "";
+  const WeakLink& weakest = *std::ranges::min_element(links, {}, &WeakLink::points);
+  const std::string more =
+      links.size() > 1 ? fmt::format(", and {} more places by few", links.size() - 1) : "";
+  return fmt::format(
+      "frames {} to {} are held together by {} points ({:.0f} in the median){}: the path may have another "
+      "scale "
+      "after them than before",
+      weakest.first, weakest.last, weakest.points, weakest.usual, more);
+}
+
 // Of a shutter that was found where time stamps only count frames; else empty.
 std::string unit_warning(const Rig& rig, const Sources& sources) {
   const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
@@ -532,6 +547,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   }
   if (read->stopped) explain_interruption(&out.reconstruction);
   warn(callbacks.event, start_warning(out.reconstruction), &warnings);
+  warn(callbacks.event, link_warning(out.reconstruction), &warnings);
   if (!tells_focals(out.reconstruction.calibration))
     warn(callbacks.event, vague_lens_warning(sources->origin), &warnings);
   warn(callbacks.event, unit_warning(out.reconstruction.rig, *sources), &warnings);
