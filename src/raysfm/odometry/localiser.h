@@ -62,6 +62,7 @@ struct SearchRange {
 // How the search widens.
 enum class Effort : uint8_t { kNear, kWide, kBlind };
 
+// Of images of that size.
 SearchRange range_of(Effort effort, const View& view);
 
 // What patches of a view are compared in.
