@@ -186,9 +186,9 @@ class Reasons(unittest.TestCase):
                  "std::move(reason)", "active.end_reason", "frames_[view.frame].reason", "blindness(view)) frames_[view.frame].reason = *reason",
                  "piece.segments[of_piece].reason",
                  "std::ranges::find_if(frames, [](const InputFrame& frame) { return !frame.defect.empty()", "image ? odd_size(index, image->gray) : image.error().message",
-                 "defective ? input.defects[j] : reason_without_pose(seen[i], agreeing[i])"}
+                 "view, failure)", "defective ? input.defects[j] : reason_without_pose(seen[i], agreeing[i])"}
     # Functions whose words these are: file, name.
-    WORDS = [("odometry/odometry.cpp", "waiting_reason"), ("views/blindness.cpp", "blindness"), ("api/solve_result.cpp", "reason_without_pose"),
+    WORDS = [("odometry/odometry.cpp", "waiting_reason"), ("odometry/odometry.cpp", "go_on"), ("views/blindness.cpp", "blindness"), ("api/solve_result.cpp", "reason_without_pose"),
              ("robust/three_view_start.cpp", "describe"), ("frames/video_source.cpp", "defect"), ("frames/image_source.cpp", "odd_size"),
              ("frames/image_file.cpp", "read_image"), ("frames/other_image.cpp", "decode_other"), ("frames/other_image.cpp", "failure"),
              ("frames/png_pixels.cpp", "damaged"), ("frames/decoded_image.cpp", "check_image_size"), ("files/text_file.cpp", "read_text_file")]

@@ -161,7 +161,7 @@ FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tra
 
 // Whether a reconstruction knows its focal length well enough for a lens to be taken from it.
 bool is_told(const UncalibratedReconstruction& found, const PointTracks& tracks) {
-  const double posed = posed_share(found);
+  const double posed = found.posed_share();
   return found.degenerate.empty() && posed >= kLeastPosed && !found.lens_sigma.empty() &&
          lens_of_stretch(found, tracks, 0, posed).prior.focal <= kUsable;
 }
@@ -176,14 +176,9 @@ bool may_tell_other_lens(const PointTracks& tracks, const SolveOptions& options)
   return name.empty() || name == "pure translation";
 }
 
-// The image whose lens stands for all.
-size_t first_posed(const UncalibratedReconstruction& found) {
-  return std::ranges::find(found.image_posed, 1) - found.image_posed.begin();
-}
-
 // How far the principal point is from the middle, as a part of the image's larger side.
 double centre_aside(const UncalibratedReconstruction& found, const PointTracks& tracks) {
-  const size_t image = first_posed(found);
+  const int image = found.first_posed();
   const Lens& lens = found.scene.lenses[image];
   const Eigen::Vector2d middle = 0.5 * (tracks.image_size - Eigen::Vector2d::Ones());
   return (Eigen::Vector2d(lens.cx, lens.cy) - middle).norm() / tracks.image_size.maxCoeff();
@@ -234,7 +229,7 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   }
   if (!found) return {{}, found.error().message, false};
   if (!found->degenerate.empty()) return {{}, found->degenerate};
-  const double posed = posed_share(*found);
+  const double posed = found->posed_share();
   if (posed < kLeastPosed || found->lens_sigma.empty()) {
     return {{}, fmt::format("{:.0f} % of the key frames agree with one", 100 * posed)};
   }
@@ -420,15 +415,10 @@ Camera pinhole_camera(double focal, const FrameSource& source) {
   return camera;
 }
 
-double posed_share(const UncalibratedReconstruction& found) {
-  return static_cast<double>(std::ranges::count(found.image_posed, 1)) /
-         static_cast<double>(found.image_posed.size());
-}
-
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,
                           double posed) {
-  const size_t image = first_posed(found);
-  const CalibrationPrior prior = prior_of(found, static_cast<int>(image), tracks, posed);
+  const int image = found.first_posed();
+  const CalibrationPrior prior = prior_of(found, image, tracks, posed);
   FoundLens lens{Rig{{frame_lens(found.scene.lenses[image], found.radial).camera}}, prior, {}};
   Camera& camera = lens.rig.cameras[0];
   camera.name = "camera";
@@ -530,8 +520,8 @@ std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, cons
   options.seed = seed;
   const auto found = reconstruct(tracks, options);
   if (!found || !found->degenerate.empty() || found->lens_sigma.empty()) return std::nullopt;
-  const size_t image = first_posed(*found);
-  if (std::ranges::count(found->image_posed, 1) < kLeastViews) return std::nullopt;
+  const int image = found->first_posed();
+  if (found->posed_count() < kLeastViews) return std::nullopt;
   const double focal = found->scene.lenses[image].fx, sigma = found->lens_sigma[image][0];
   const double width = tracks.image_size.x();
   if (!(focal > kLeastFocal * width && focal < kMostFocal * width) || !std::isfinite(sigma))

@@ -25,9 +25,6 @@ struct FoundLens {
   const Camera& camera() const { return rig.cameras[0]; }
 };
 
-// Part of the images of a reconstruction that have a pose.
-double posed_share(const UncalibratedReconstruction& found);
-
 // The one lens that was found in the footage, from so large a part of the images that it was looked for in.
 // `first_frame`: that of the first image.
 FoundLens lens_of_stretch(const UncalibratedReconstruction& found, const PointTracks& tracks, int first_frame,

@@ -114,9 +114,9 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
 std::string contradiction_with(const ExifLens& said, const Result<UncalibratedReconstruction>& found) {
   if (!found) return "nothing agrees with it: " + found.error().message;
   if (found->zooming) return "contradicted by the photos, which have different focal lengths";
-  const auto posed = std::ranges::find(found->image_posed, 1);
-  if (posed == found->image_posed.end()) return {};
-  return contradiction(said, found->scene.lenses[posed - found->image_posed.begin()].fx);
+  const int image = found->first_posed();
+  if (image < 0) return {};
+  return contradiction(said, found->scene.lenses[image].fx);
 }
 
 // With the focal length that all photos are said to have, if it holds. `start`: see VideoOptions.
@@ -138,7 +138,7 @@ Result<UncalibratedReconstruction> reconstruct_input(SolveInput* input, const So
 
 // 0 without a reconstruction.
 double reached_share(const Result<UncalibratedReconstruction>& found) {
-  return found ? posed_share(*found) : 0;
+  return found ? found->posed_share() : 0;
 }
 
 void warn_of_lens(const EventSink& event, SolveResult* solved) {

@@ -159,11 +159,9 @@ Reconstruction solved_reconstruction(const SolveInput& input, UncalibratedRecons
   r.origin = Origin::kSolve;
   r.metric_scale = found.world_is_given;
   r.rms_reprojection_px = found.rms_px;
-  const auto first = std::ranges::find(found.image_posed, 1);
+  const int first = found.first_posed();
   Rigid3 found_from_world;
-  if (!found.world_is_given && first != found.image_posed.end()) {
-    found_from_world = found.scene.cam_from_world[first - found.image_posed.begin()].inverse();
-  }
+  if (!found.world_is_given && first >= 0) found_from_world = found.scene.cam_from_world[first].inverse();
   fill_frames(input, found, found_from_world, &r);
   fill_map(input, found, found_from_world.inverse(), &r);
   fill_segment(found, interrupted, &r);

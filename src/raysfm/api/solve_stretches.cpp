@@ -107,7 +107,7 @@ Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
                                                      const UncalibratedReconstruction& found,
                                                      const SolveSettings& settings,
                                                      const SolveCallbacks& callbacks) {
-  const auto posed = std::ranges::count(found.image_posed, 1);
+  const int posed = found.posed_count();
   if (found.zooming || !found.degenerate.empty() || found.lens_sigma.empty() || posed == 0) {
     return std::optional<SolveResult>();
   }

@@ -52,7 +52,7 @@ Reconstruction make_map(double zoom, int begin, int end) {
       reconstruct_video(tracks, all, {.lens = LensChange::kFixed, .radial = RadialChoice::kNone});
   if (!found) return {};
   Reconstruction r;
-  const int posed = static_cast<int>(std::ranges::find(found->image_posed, 1) - found->image_posed.begin());
+  const int posed = found->first_posed();
   r.rig.cameras.push_back(frame_lens(found->scene.lenses[posed], {}).camera);
   r.rig.cameras[0].width = 640, r.rig.cameras[0].height = 480;
   r.segments.push_back({0, kImages - 1, "end of input", false, {}});

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -75,6 +76,17 @@ struct UncalibratedReconstruction {
   int start_inliers = 0;           // their matches that agree with its fundamental matrix
   LensAdjustmentSummary adjustment;
   std::map<std::string, StageTiming> stages;  // where they are told apart
+
+  int posed_count() const { return static_cast<int>(std::ranges::count(image_posed, 1)); }
+  // Part of the images that have a pose; 0 where there are none.
+  double posed_share() const {
+    return image_posed.empty() ? 0 : posed_count() / static_cast<double>(image_posed.size());
+  }
+  // The image whose lens stands for all where they share one; -1: none has a pose.
+  int first_posed() const {
+    const auto image = std::ranges::find(image_posed, 1);
+    return image == image_posed.end() ? -1 : static_cast<int>(image - image_posed.begin());
+  }
 };
 
 // What the options say of the lenses; `equal`: one lens for all images. `noise_px`: standard deviation of an

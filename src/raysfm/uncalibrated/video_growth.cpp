@@ -271,7 +271,7 @@ Result<void> VideoGrowth::grow(const GrowthControl& control) {
   result_.lens_sigma.assign(tracks_.image_count,
                             LensVector::Constant(std::numeric_limits<double>::infinity()));
   place_points();
-  int posed = static_cast<int>(std::ranges::count(result_.image_posed, 1)), added = 0;
+  int posed = result_.posed_count(), added = 0;
   for (int image; !control.stopped() && (image = next_keyframe()) >= 0;) {
     if (!pose(image)) {
       seen_when_tried_[image] = placed_points_in(image);

@@ -349,10 +349,9 @@ void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, cons
 // images agree with it.
 bool is_surely_told(const UncalibratedReconstruction& r) {
   constexpr double kSure = 0.02;  // standard deviation, as a part of it: a third of what real footage has
-  const auto image = std::ranges::find(r.image_posed, 1) - r.image_posed.begin();
-  if (image == std::ssize(r.image_posed) || r.lens_sigma.empty()) return false;
-  const double posed = double(std::ranges::count(r.image_posed, 1)) / double(r.image_posed.size());
-  return r.lens_sigma[image][0] < kSure * posed * r.scene.lenses[image].fx;
+  const int image = r.first_posed();
+  if (image < 0 || r.lens_sigma.empty()) return false;
+  return r.lens_sigma[image][0] < kSure * r.posed_share() * r.scene.lenses[image].fx;
 }
 
 }  // namespace

@@ -153,7 +153,7 @@ TEST(ReconstructVideo, OneLensHasOneStandardDeviation) {
   const auto result = reconstruct_video(walk.tracks, walk.keyframe, {.radial = RadialChoice::kIfSure});
   ASSERT_TRUE(result.ok()) << result.error().message;
   ASSERT_FALSE(result->zooming);
-  const auto first = std::ranges::find(result->image_posed, 1) - result->image_posed.begin();
+  const int first = result->first_posed();
   for (size_t j = first; j < walk.truth.lenses.size(); ++j) {
     if (!result->image_posed[j]) continue;
     const LensVector difference = result->scene.lenses[j].vector() - result->scene.lenses[first].vector();
