@@ -127,10 +127,10 @@ void Odometry::go_back(const std::vector<WaitingView>& views, int first_view) {
   goes_back_ = false;
   hang_on_earlier_keyframes();
   for (int v = 0; v < first_view; ++v) {
-    if (v >= end && is_posed(v)) tell_posed(views[v].frame);
-    std::string& reason = frames_[views[v].frame].reason;
-    if (is_posed(v) || !reason.empty()) continue;
-    reason = fmt::format("before the start at frame {}", views[first_view].frame);
+    FrameRecord& frame = frames_[views[v].frame];
+    if (v >= end && frame.segment >= 0) tell_posed(views[v].frame);
+    if (frame.segment >= 0 || !frame.reason.empty()) continue;
+    frame.reason = fmt::format("before the start at frame {}", views[first_view].frame);
   }
 }
 
