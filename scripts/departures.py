@@ -9,6 +9,7 @@ SEQUENCES = [dict(name="kitti07-mono"), dict(name="tsukuba-mono"), dict(name="re
 SETTINGS = {
     "as it comes": [],
     "without blur": ["--without", "blur"],
+    "without earlier": ["--without", "earlier"],
     "without keyframes": ["--without", "keyframes"],
     "without parallax": ["--without", "parallax"],
     "without surfaces": ["--without", "surfaces"],

@@ -155,7 +155,8 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
        &s.preset,
        {"none", "lba09"}},
       {"without",
-       "what to leave out of what the paper does not have, separated by commas: blur, keyframes, parallax, "
+       "what to leave out of what the paper does not have, separated by commas: blur, earlier, keyframes, "
+       "parallax, "
        "surfaces, turning",
        &s.without,
        {}},

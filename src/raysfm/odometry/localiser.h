@@ -28,7 +28,7 @@ struct LocalMap {
   int anchor_points = 0;  // of them, those that the anchor sees
 };
 
-constexpr int kReach = 10;  // other key frames whose points are looked for
+constexpr int kLocalReach = 10;  // other key frames whose points are looked for
 
 // The points of the anchor, then those of the `reach` other key frames whose points its cameras would see
 // most of, whenever they were taken: a place seen before is recognised while the drift is smaller than the

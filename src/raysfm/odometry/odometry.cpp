@@ -198,7 +198,7 @@ void Odometry::learn_velocity() {
 }
 
 void Odometry::set_anchor(int keyframe) {
-  local_ = make_local_map(segment().map, segment().views, rig_, keyframe, kReach);
+  local_ = make_local_map(segment().map, segment().views, rig_, keyframe, kLocalReach);
   std::vector<double> distances;
   for (const LocalPoint& p : local_.points) {
     if (p.in_anchor)
@@ -578,7 +578,7 @@ bool Odometry::find_again(const ViewPtr& view) {
   last_seen_->pose.rig_from_world = present_pose(frame, segment().map);
   const int anchor = keyframe_in_sight(segment().map, segment().views, rig_, last_seen_->pose.rig_from_world);
   if (anchor < 0) return false;
-  const LocalMap local = make_local_map(segment().map, segment().views, rig_, anchor, kReach);
+  const LocalMap local = make_local_map(segment().map, segment().views, rig_, anchor, kLocalReach);
   const Rigid3 turned_on = turned(*last_seen_->view, *view) * last_seen_->pose.rig_from_world;
   for (const Rigid3& predicted : {turned_on, moved_on(*last_seen_, *view)}) {
     Localisation pose = localiser_.follow(segment().map, segment().views, local, *view, predicted,
@@ -594,7 +594,7 @@ bool Odometry::find_again(const ViewPtr& view) {
 // should. Less will do where corners found without that pose agree on it.
 bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world, bool corners_agree) {
   const Map& map = segment().map;
-  const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kReach);
+  const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kLocalReach);
   Localisation pose =
       localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(Effort::kNear, *view));
   if (!recognised(pose, options_) && !(corners_agree && believable(pose))) return false;

@@ -110,7 +110,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
       continue;
     }
     record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
-    local = make_local_map(map, segment().views, rig_, next, kReach);
+    local = make_local_map(map, segment().views, rig_, next, kLocalReach);
     ++next;
     if (rig_.scans() && next < 3) localiser_.set_velocity(start_velocity(next));
   }
@@ -122,7 +122,7 @@ void Odometry::go_back(const std::vector<WaitingView>& views, int first_view) {
   int end = first_view;
   while (end > 0 && !is_posed(end - 1)) --end;  // before it are those that were posed as a turn
   goes_back_ = true;
-  grow_back(views, end, first_view);
+  if (options_.departures.earlier) grow_back(views, end, first_view);
   pose_earlier_frames(views, end, first_view);
   goes_back_ = false;
   hang_on_earlier_keyframes();
@@ -169,7 +169,7 @@ void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int en
       if (!waiting.images()) continue;
       int after = 0;
       while (map.keyframes[after].frame < waiting.frame) ++after;
-      if (after != local.anchor) local = make_local_map(map, segment().views, rig_, after, kReach);
+      if (after != local.anchor) local = make_local_map(map, segment().views, rig_, after, kLocalReach);
       if (!pose_near(*waiting.images(), local, velocity * next, false)) break;
     }
     velocity = posed(v) * next.inverse();

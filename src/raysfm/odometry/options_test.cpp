@@ -70,14 +70,14 @@ TEST(OdometryOptions, BoundsAreWhatTheyAreSaidToBe) {
 TEST(Departures, ThoseNamedAreLeftOut) {
   Departures some;
   ASSERT_TRUE(leave_out("", &some));
-  EXPECT_TRUE(some.blur && some.keyframes && some.parallax && some.surfaces && some.turning);
+  EXPECT_TRUE(some.blur && some.earlier && some.keyframes && some.parallax && some.surfaces && some.turning);
   ASSERT_TRUE(leave_out("keyframes,turning", &some));
-  EXPECT_TRUE(some.blur && some.parallax && some.surfaces);
+  EXPECT_TRUE(some.blur && some.earlier && some.parallax && some.surfaces);
   EXPECT_FALSE(some.keyframes || some.turning);
   for (const char* names : {"blurr", "blur,,parallax", "blur parallax"}) {
     const Result<void> refused = leave_out(names, &some);
     ASSERT_FALSE(refused) << names;
-    EXPECT_NE(refused.error().message.find("blur, keyframes, parallax"), std::string::npos);
+    EXPECT_NE(refused.error().message.find("blur, earlier, keyframes"), std::string::npos);
   }
 }
 
