@@ -411,8 +411,7 @@ std::string link_warning(const Reconstruction& r) {
       links.size() > 1 ? fmt::format(", and {} more places by few", links.size() - 1) : "";
   return fmt::format(
       "frames {} to {} are held together by {} points ({:.0f} in the median){}: the path may have another "
-      "scale "
-      "after them than before",
+      "scale after them than before",
       weakest.first, weakest.last, weakest.points, weakest.usual, more);
 }
 

@@ -139,6 +139,7 @@ void Odometry::go_back(const std::vector<WaitingView>& views, int first_view) {
 void Odometry::grow_back(const std::vector<WaitingView>& views, int end, int first_view) {
   Map& map = segment().map;
   const size_t started = map.keyframes.size();
+  const double rescaled = map.rescaled;
   reverse_time();
   go_on_from(views[first_view].view, static_cast<int>(started) - 1);
   for (int v = first_view - 1; v >= end && map.keyframes.size() < kKeptViews; --v) {
@@ -152,6 +153,8 @@ void Odometry::grow_back(const std::vector<WaitingView>& views, int end, int fir
   map_covariance_.follow(rig_, map, world());
   const int old = static_cast<int>(map.keyframes.size()) - kFollowedFor;
   for (int k = 0; k < old; ++k) drop_dead_features(k, false);
+  // Poses of the start were told already.
+  observer_->map_adjusted({world(), views[end].frame, map.keyframes.back().frame, map.rescaled / rescaled});
 }
 
 // The others, of some of which only coarse images were kept: each by the key frame after it, while the map

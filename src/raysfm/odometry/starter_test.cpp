@@ -227,12 +227,18 @@ Rigid3 turning_first(int frame) {
   return Rigid3{exp_so3({0, turned - 0.6, 0}), {before + moved - 0.6, 0, 0.2 * moved}}.inverse();
 }
 
-// Views before those that a start is made of become key frames as well, of the same world.
+struct HeardOfMaps : TrackerObserver {
+  std::vector<MapAdjusted> adjusted;
+  void map_adjusted(const MapAdjusted& e) override { adjusted.push_back(e); }
+};
+
+// Views before those that a start is made of become key frames as well, of the same world, which is told.
 TEST(StarterViews, ThoseBeforeAStartBecomeKeyFrames) {
   constexpr int kFrames = 60;
   const PanelWorld world(kWorld);
   const OdometryOptions options;
-  Odometry odometry(Rig{{small_camera()}}, options, {});
+  HeardOfMaps heard;
+  Odometry odometry(Rig{{small_camera()}}, options, &heard);
   for (int i = 0; i < kFrames; ++i) odometry.process(film(world, small_camera(), turning_first(i), i));
   const Reconstruction r = odometry.finish(false);
   ASSERT_EQ(r.segments.size(), 1u);
@@ -241,6 +247,9 @@ TEST(StarterViews, ThoseBeforeAStartBecomeKeyFrames) {
   ASSERT_GT(r.keyframes.size(), 4u);
   EXPECT_LT(r.keyframes[1].frame, first);
   for (size_t k = 1; k < r.keyframes.size(); ++k) EXPECT_LT(r.keyframes[k - 1].frame, r.keyframes[k].frame);
+  ASSERT_FALSE(heard.adjusted.empty());
+  EXPECT_EQ(heard.adjusted[0].first_frame, 0);
+  EXPECT_EQ(heard.adjusted[0].last_frame, r.starts[0].frames[2]);
   const auto place = [&](int frame) { return r.frames[frame].world_from_rig->translation; };
   EXPECT_LT(place(r.keyframes[0].frame).norm(), 1e-12);  // it is the world now
   const auto moved = [&](int from, int to) { return (place(to) - place(from)).norm(); };
