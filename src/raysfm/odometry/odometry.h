@@ -14,6 +14,7 @@
 #include "raysfm/odometry/starter.h"
 #include "raysfm/odometry/turn_tracker.h"
 #include "raysfm/places/place_memory.h"
+#include "raysfm/places/shared_views.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/uncertainty/map_covariance.h"
 #include "raysfm/views/fixed_marks.h"
@@ -171,6 +172,13 @@ class Odometry {
     void archive(A& a);
   };
 
+  // What is at hand of a world when the next one starts.
+  struct EndedWorld {
+    int number = -1;
+    std::vector<KeyFrameView> views;
+    ViewPtr last;  // that was posed in it
+  };
+
   SegmentState& segment() { return segments_[active_]; }
   const SegmentState& segment() const { return segments_[active_]; }
   int world() const { return active_; }
@@ -247,6 +255,13 @@ class Odometry {
   void correct_scans(int segment, int first_keyframe);
   Velocity start_velocity(int keyframe) const;
   void refine_start();
+  // odometry_across.cpp:
+  std::optional<Meeting> look_across(EndedWorld* ended, const ViewPtr& earliest);
+  bool sees_old(ViewPtr view);
+  SharedView shared_view(int world, int keyframe) const;
+  std::vector<SamePoint> tie(const SharedPoints& shared, std::span<const SharedView> views,
+                             EndedWorld* ended);
+  void join_ended(EndedWorld ended, const Meeting& meeting);
   // odometry_places.cpp:
   void look_about(int end);
   std::vector<Map*> maps();

@@ -278,13 +278,17 @@ void Odometry::all_has_moved() {
   set_anchor(local_.anchor);
 }
 
-// Two worlds become one: the one that began later goes into the other, and is tracked on there.
+// Two worlds become one, of which one is active: the one that began later goes into the other, and is tracked
+// on there.
 void Odometry::join(const Meeting& meeting) {
   const auto frame_of = [&](const PlaceRef& p) {
     return std::max(-1, segments_[p.world].map.keyframes[p.keyframe].frame);
   };
-  const Closure closure{frame_of(meeting.here), frame_of(meeting.there),
-                        static_cast<int>(meeting.relation.points.size()), true, 0};
+  const bool from_active = meeting.here.world == active_;
+  const PlaceRef &here = from_active ? meeting.here : meeting.there,
+                 &there = from_active ? meeting.there : meeting.here;
+  const Closure closure{frame_of(here), frame_of(there), static_cast<int>(meeting.relation.points.size()),
+                        true, 0};
   const JoinedWorlds joined = join_worlds(meeting, maps());
   const int first = joined.first, second = joined.second;
   const JoinedNumbers& numbers = joined.numbers;
@@ -297,12 +301,12 @@ void Odometry::join(const Meeting& meeting) {
   renumber(second, first, numbers.keyframe_of_second, numbers.first_track_of_second);
   places_.renumber(joined);
 
-  const bool stays = joined.here_is_first;
+  const bool stays = first == active_;
   const std::vector<int>& of_active = stays ? numbers.keyframe_of_first : numbers.keyframe_of_second;
   const auto now = [&](int keyframe) { return keyframe < 0 ? keyframe : of_active[keyframe]; };
   const SegmentState& active = segment();
   into.looked_about = now(active.looked_about - 1) + 1;
-  into.newest_meeting = now(meeting.here.keyframe);
+  into.newest_meeting = now(here.keyframe);
   into.is_known = joined_marks(numbers, into.is_known, from.is_known, into.newest_meeting);
   into.newest_place = now(active.newest_place);
   into.end_reason = active.end_reason;

@@ -138,6 +138,32 @@ TEST(OdometryPlaces, TheFirstPlaceIsFoundAgainAfterAGap) {
   EXPECT_LT(error_of(r, film).percent_of_path(), 0.3);
 }
 
+// A jump: of the map nothing is recognised, until another one is there that sees what was seen before the
+// jump.
+TEST(OdometryPlaces, AWorldThatSeesWhereTheOneBeforeEndedIsThatOne) {
+  const ViewMaker maker({{0, {}, {.max_features = 600}}});
+  for (const auto& [begin, end] : {std::pair(30, 56), {120, 140}}) {
+    Film film;
+    film.add(quick_round(), begin - 26, begin);
+    film.add(quick_round(), end, end + 30);
+    PlaceListener listener;
+    const Reconstruction r = run(film, {}, {{small_camera()}}, &listener, &maker);
+    const Reconstruction apart = run(film, without_loops(), {{small_camera()}}, nullptr, &maker);
+    EXPECT_EQ(apart.segments.size(), 2u);
+    ASSERT_EQ(r.segments.size(), 1u);
+    expect_posed_where_it_sees(r, film);
+    EXPECT_LT(error_of(r, film).percent_of_path(), 0.2);
+    ASSERT_EQ(listener.seen_again.size(), 1u);
+    const Closure& closure = listener.seen_again[0].closure;
+    EXPECT_TRUE(closure.joined_worlds);
+    EXPECT_EQ(closure.with_frame, 24);
+    EXPECT_GE(closure.frame, 26);
+    EXPECT_LT(closure.frame, 36);
+    EXPECT_GT(closure.inliers, 50);
+    EXPECT_TRUE(identical(r, run(film, {}, {{small_camera()}}, nullptr, &maker)));
+  }
+}
+
 // Back from where little of the map is seen to where a view is recognised: the frames until then are posed
 // from there.
 TEST(OdometryPlaces, FramesBeforeTrackIsFoundAgainArePosedAfterwards) {
@@ -303,24 +329,25 @@ TEST(OdometryPlaces, WorldsThatShowOnePlaceAreJoined) {
   EXPECT_LT(r.rms_reprojection_px, 1.7 * apart.rms_reprojection_px);
 }
 
-// Corridors of the same bricks and boards.
+// Corridors of the same bricks and boards, where an end may be seen from another's beginning too.
 TEST(OdometryPlaces, UnrelatedWorldsStayApart) {
-  constexpr int kWorlds = 4;
-  Film film;
-  for (int seed = 0; seed < kWorlds; ++seed) {
-    film.add(synth_views("corridor", "drive", 24, seed), 0, 24);
-    film.add_black(3);
-  }
-  const Reconstruction r = run(film);
-  ASSERT_EQ(r.segments.size(), size_t{kWorlds});
-  EXPECT_TRUE(r.closures.empty());
-  for (int s = 0; s < kWorlds; ++s) {
-    for (int i = 27 * s; i < 27 * s + 27; ++i) {
+  constexpr int kWorlds = 4, kFrames = 24;
+  const ViewMaker maker({{0, {}, {.max_features = 600}}});
+  for (const int black : {3, 0}) {
+    Film film;
+    for (int seed = 0; seed < kWorlds; ++seed) {
+      film.add(synth_views("corridor", "drive", kFrames, seed), 0, kFrames);
+      film.add_black(black);
+    }
+    const Reconstruction r = run(film, {}, {{small_camera()}}, nullptr, &maker);
+    ASSERT_EQ(r.segments.size(), size_t{kWorlds}) << black;
+    EXPECT_TRUE(r.closures.empty());
+    for (int i = 0; i < film.size(); ++i) {
       if (r.frames[i].world_from_rig) {
-        EXPECT_EQ(r.frames[i].segment, s) << i;
+        EXPECT_EQ(r.frames[i].segment, i / (kFrames + black)) << i;
       }
     }
-    EXPECT_LT(error_of(r, film, s).percent_of_path(), 0.5) << s;
+    for (int s = 0; s < kWorlds; ++s) EXPECT_LT(error_of(r, film, s).percent_of_path(), 0.5) << s;
   }
 }
 

@@ -27,8 +27,10 @@ void Odometry::start(const ViewPtr& view) {
 
 void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {
   const std::vector<int> chosen = start.summary.frames;
+  EndedWorld ended;
   if (!segments_.empty()) {
-    segment().views = std::vector<KeyFrameView>();  // what was seen of it is remembered without images
+    if (last_seen_) ended = {active_, {}, last_seen_->view};
+    ended.views.swap(segment().views);  // what was seen of it is remembered without images
     settle_until(views.front().frame);
   }
   segments_.push_back({std::move(start.map), std::move(start.views), start.summary});
@@ -47,9 +49,16 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   pose_copies(views);
   if (rig_.scans()) refine_start();
 
+  std::optional<Meeting> meeting;
+  if (options_.loops && ended.number >= 0) {
+    const auto earliest = std::ranges::find_if(
+        views, [&](const WaitingView& v) { return v.view && frames_[v.frame].segment == world(); });
+    meeting = look_across(&ended, earliest->view);
+  }
   const int newest = static_cast<int>(segment().map.keyframes.size()) - 1;
   const auto third = std::ranges::find(views, chosen[2], &WaitingView::frame);
   go_on_from(third->view, newest);
+  if (meeting) join_ended(std::move(ended), *meeting);
   for (auto it = views.end(); it != third + 1;) waiting_.push_front((--it)->view);
 }
 

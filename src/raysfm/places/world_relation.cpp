@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "raysfm/core/median.h"
 
@@ -48,6 +49,17 @@ DescribedCorners described_corners(const MapKeyFrame& keyframe) {
   return out;
 }
 
+std::optional<ScaleOfWorlds> scale_of(std::vector<double> log_ratios, bool same_scale) {
+  if (log_ratios.size() < kMinPoints) return std::nullopt;
+  const double log_scale = median_of(&log_ratios);
+  for (double& r : log_ratios) r = std::abs(r - log_scale);
+  const double spread = median_of(&log_ratios);
+  if (!(spread < kMaxSpread) || (same_scale && std::abs(log_scale) > kMaxScaleError)) return std::nullopt;
+  if (same_scale) return ScaleOfWorlds{};
+  return ScaleOfWorlds{std::exp(log_scale),
+                       kSigmaOfMedian * spread / std::sqrt(static_cast<double>(log_ratios.size()))};
+}
+
 std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& here, int keyframe,
                                            const DescribedCorners& seen, const Map& there,
                                            const RecognisedPlace& place, bool same_scale) {
@@ -62,16 +74,11 @@ std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& he
     ratios.push_back(std::log(there_distance / here_distance));
     out.points.push_back({track, m.track});
   }
-  if (ratios.size() < kMinPoints) return std::nullopt;
-  const double log_scale = median_of(&ratios);
-  for (double& r : ratios) r = std::abs(r - log_scale);
-  const double spread = median_of(&ratios);
-  if (!(spread < kMaxSpread) || (same_scale && std::abs(log_scale) > kMaxScaleError)) return std::nullopt;
-  const double scale = same_scale ? 1 : std::exp(log_scale);
-  if (!same_scale) {
-    out.log_scale_sigma = kSigmaOfMedian * spread / std::sqrt(static_cast<double>(ratios.size()));
-  }
-  const Similarity3 rig_there_from_here{scale, rig_from_here.rotation, scale * rig_from_here.translation};
+  const auto scale = scale_of(std::move(ratios), same_scale);
+  if (!scale) return std::nullopt;
+  out.log_scale_sigma = scale->log_sigma;
+  const Similarity3 rig_there_from_here{scale->scale, rig_from_here.rotation,
+                                        scale->scale * rig_from_here.translation};
   out.there_from_here = similarity_of(place.rig_from_world.inverse()) * rig_there_from_here;
 
   int looked_at = 0, agreeing = 0;

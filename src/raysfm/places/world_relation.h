@@ -21,10 +21,19 @@ struct WorldRelation {
   std::vector<SamePoint> points;
 };
 
+// Factor from lengths in one world to those in another.
+struct ScaleOfWorlds {
+  double scale = 1;
+  double log_sigma = 0;  // standard deviation of its logarithm; 0 where the scale is known
+};
+
+// From the logarithms of the ratios of two distances of points, one in each world. With `same_scale` the
+// scale of both is known, and must agree. None of too few, and where they are no ratios of one scale.
+std::optional<ScaleOfWorlds> scale_of(std::vector<double> log_ratios, bool same_scale);
+
 // From a place of the map `there` that was recognised in what a key frame of the map `here` sees: `seen` has
 // its corners with their tracks. Of both maps' points each must be where the other has it, as far as the key
-// frames can tell. With `same_scale` the scale of both is known, and must agree. None where it does not
-// hold.
+// frames can tell. None where it does not hold.
 std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& here, int keyframe,
                                            const DescribedCorners& seen, const Map& there,
                                            const RecognisedPlace& place, bool same_scale);
