@@ -256,6 +256,7 @@ class Odometry {
   Velocity start_velocity(int keyframe) const;
   void refine_start();
   // odometry_across.cpp:
+  EndedWorld end_world();
   std::optional<Meeting> look_across(EndedWorld* ended, const ViewPtr& earliest);
   bool sees_old(ViewPtr view);
   SharedView shared_view(int world, int keyframe) const;

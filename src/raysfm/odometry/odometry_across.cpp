@@ -21,6 +21,18 @@ bool has_observation(const Map& map, int track, int keyframe, int camera) {
 
 }  // namespace
 
+// The active world, which is not gone on with. What was seen last becomes a key frame of it: it is most like
+// what the new world sees.
+Odometry::EndedWorld Odometry::end_world() {
+  const ViewPtr last = last_seen_->view;
+  if (!frames_[last->frame].place_held && segment().map.keyframes.back().frame < last->frame) {
+    previous_ = std::exchange(last_seen_, std::nullopt);
+    promote_previous(nullptr);
+    previous_.reset();
+  }
+  return {active_, {}, last};
+}
+
 // Where the new world sees the images that are left of the one that ended before it, both are one world. From
 // the earliest view of the new world time is gone through backwards.
 std::optional<Meeting> Odometry::look_across(EndedWorld* ended, const ViewPtr& earliest) {
@@ -53,7 +65,7 @@ std::optional<Meeting> Odometry::look_across(EndedWorld* ended, const ViewPtr& e
 // Whether track leads from the newest posed view to one of the old world, which is that then.
 bool Odometry::sees_old(ViewPtr view) {
   Localisation pose = localise(&view);
-  if (!recognised(pose, options_)) return false;
+  if (!believable(pose) && !recognised(pose, options_)) return false;
   previous_ = following(*previous_, view, std::move(pose));
   return true;
 }

@@ -29,7 +29,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   const std::vector<int> chosen = start.summary.frames;
   EndedWorld ended;
   if (!segments_.empty()) {
-    if (last_seen_) ended = {active_, {}, last_seen_->view};
+    if (last_seen_) ended = end_world();
     ended.views.swap(segment().views);  // what was seen of it is remembered without images
     settle_until(views.front().frame);
   }
