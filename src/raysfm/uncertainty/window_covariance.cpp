@@ -20,6 +20,8 @@ using Eigen::VectorXd;
 constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
 constexpr int kSampled = 8;           // one of so many tells what an adjustment hides of their errors
 constexpr double kLeastLeft = 0.1;    // of these errors
+// Standard deviations, beyond which an observation says nothing: the map may have moved since it fitted.
+constexpr double kMostMisfit = 4;
 constexpr double kLeastPivot = 1e-9;  // of equations whose diagonal is 1
 // Of orientations in a fit by positions, for each radian the square of the extent of the path; of the
 // logarithm of a scale, in residuals squared.
@@ -107,6 +109,7 @@ class Window {
     const double scale = 1 / double(octave_side(keyframe.octaves[o.feature]));
     t->residual *= scale;
     by_x *= scale;
+    if (!(t->residual.norm() < kMostMisfit)) return false;
     const double root = std::sqrt(loss_.weight(t->residual.squaredNorm()));
     t->residual *= root;
     by_x *= root;

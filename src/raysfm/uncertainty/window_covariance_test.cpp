@@ -165,6 +165,22 @@ TEST(WindowCovariance, IsAboutTheSameFromAShareOfThePoints) {
   EXPECT_LT(ratio, 1.5);
 }
 
+// A mark from when a point was elsewhere.
+TEST(WindowCovariance, WhatDoesNotFitAnyMoreSaysNothing) {
+  const BundleScene scene = noisy_scene(4);
+  const TrackingRig rig(Rig{scene.cameras});
+  Map unmarked = map_of(scene), marked = unmarked;
+  for (int f = 0; f < 30; ++f) {
+    unmarked.keyframes[4].inliers[f] = 0;
+    marked.keyframes[4].pixels[f].x() += 6;
+  }
+  const auto without = window_covariance(rig, unmarked, 0, kKeyFrames, kNoLoss, kEveryPoint);
+  const auto with = window_covariance(rig, marked, 0, kKeyFrames, kNoLoss, kEveryPoint);
+  ASSERT_TRUE(without && with);
+  for (int i = 0; i < kKeyFrames; ++i) EXPECT_EQ(with->poses[i], without->poses[i]);
+  EXPECT_EQ(with->variance, without->variance);
+}
+
 TEST(WindowCovariance, WithoutPointsInCommonThereIsNone) {
   const BundleScene scene = exact_scene();
   Map map = map_of(scene);
