@@ -188,6 +188,12 @@ class Odometry {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
   }
 
+  // Makes the pose of a frame, which stays, hang on another key frame of its map.
+  static void hang_on(int keyframe, const Map& map, FrameRecord* frame) {
+    frame->rig_from_keyframe = present_pose(*frame, map) * map.keyframes[keyframe].rig_from_world.inverse();
+    frame->keyframe = keyframe;
+  }
+
   // What is known of a frame, or of the one that it repeats.
   const FrameRecord& record_of(int frame) const {
     const int original = frames_[frame].same_as;
@@ -258,6 +264,7 @@ class Odometry {
   // odometry_across.cpp:
   EndedWorld end_world();
   std::optional<Meeting> look_across(EndedWorld* ended, const ViewPtr& earliest);
+  void begin_from(const ViewPtr& view);
   bool sees_old(ViewPtr view);
   SharedView shared_view(int world, int keyframe) const;
   std::vector<SamePoint> tie(const SharedPoints& shared, std::span<const SharedView> views,

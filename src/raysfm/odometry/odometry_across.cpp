@@ -36,12 +36,10 @@ Odometry::EndedWorld Odometry::end_world() {
 // Where the new world sees the images that are left of the one that ended before it, both are one world. From
 // the earliest view of the new world time is gone through backwards.
 std::optional<Meeting> Odometry::look_across(EndedWorld* ended, const ViewPtr& earliest) {
-  std::vector<SharedView> shared;
   if (maker_ == nullptr) return std::nullopt;  // key frames have let their corners go
+  std::vector<SharedView> shared;
   goes_back_ = true;
-  go_on_from(earliest, 0);
-  previous_->pose.rig_from_world = present_pose(frames_[earliest->frame], segment().map);
-  learn_velocity();
+  begin_from(earliest);
   sees_old(ended->last);
   int not_found = 0;
   const int count = static_cast<int>(ended->views.size());
@@ -60,6 +58,15 @@ std::optional<Meeting> Odometry::look_across(EndedWorld* ended, const ViewPtr& e
   Meeting meeting{{ended->number, shared.back().keyframe}, {world(), 0}, {}, found->relation};
   meeting.relation.points = tie(*found, shared, ended);
   return meeting;
+}
+
+// From a view of the active world that was posed, with what its first key frame sees.
+void Odometry::begin_from(const ViewPtr& view) {
+  previous_ = Previous{view, {}, {}, 0};
+  previous_->pose.rig_from_world = present_pose(frames_[view->frame], segment().map);
+  learn_velocity();
+  if (rig_.scans()) previous_->pose.velocity = present_velocity(view->frame);
+  set_anchor(0);
 }
 
 // Whether track leads from the newest posed view to one of the old world, which is that then.

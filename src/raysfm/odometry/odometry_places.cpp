@@ -234,14 +234,11 @@ void Odometry::drop_second_looks() {
 
 // Frames of key frames that go hang on the one before that stays.
 void Odometry::rehang_frames(std::span<const uint8_t> goes) {
-  const std::vector<MapKeyFrame>& keyframes = segment().map.keyframes;
   for (FrameRecord& frame : frames_) {
     if (frame.segment != active_ || frame.keyframe >= static_cast<int>(goes.size())) continue;
     int stays = frame.keyframe;
     while (goes[stays]) --stays;
-    if (stays == frame.keyframe) continue;
-    frame.rig_from_keyframe = present_pose(frame, segment().map) * keyframes[stays].rig_from_world.inverse();
-    frame.keyframe = stays;
+    if (stays != frame.keyframe) hang_on(stays, segment().map, &frame);
   }
 }
 
@@ -305,7 +302,7 @@ void Odometry::join(const Meeting& meeting) {
   const std::vector<int>& of_active = stays ? numbers.keyframe_of_first : numbers.keyframe_of_second;
   const auto now = [&](int keyframe) { return keyframe < 0 ? keyframe : of_active[keyframe]; };
   const SegmentState& active = segment();
-  into.looked_about = now(active.looked_about - 1) + 1;
+  into.looked_about = active.looked_about > 0 ? now(active.looked_about - 1) + 1 : now(0);
   into.newest_meeting = now(here.keyframe);
   into.is_known = joined_marks(numbers, into.is_known, from.is_known, into.newest_meeting);
   into.newest_place = now(active.newest_place);

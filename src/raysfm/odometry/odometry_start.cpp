@@ -208,9 +208,7 @@ void Odometry::hang_on_earlier_keyframes() {
     if (frame.segment != world()) continue;
     int before = frame.keyframe;
     while (before > 0 && map.keyframes[before].frame > f) --before;
-    if (before == frame.keyframe) continue;
-    frame.rig_from_keyframe = present_pose(frame, map) * map.keyframes[before].rig_from_world.inverse();
-    frame.keyframe = before;
+    if (before != frame.keyframe) hang_on(before, map, &frame);
   }
 }
 
