@@ -559,6 +559,11 @@ class NoReconstruction(TrackTest):
                            .replace("31.5", "159.5").replace("23.5", "119.5"))
         run("synth", "room", "--motion", "rotate", "--frames", 120, "--samples", 1, "--camera", camera, "--out", sequence)
         self.fails(sequence, "rotation without translation", 120, camera=camera)
+        said = run("track", sequence, "--out", self.folder / "told", "--camera", camera).stderr
+        frames = [int(word) for word in re.findall(r"warning: no start yet: frames .*?, (\d+): ", said)]
+        self.assertGreater(len(frames), 1, said)
+        for earlier, later in zip(frames, frames[1:]):  # now and then, not each time
+            self.assertGreaterEqual(later - earlier, 30, said)
 
 
 class WithoutCameraFile(TrackTest):

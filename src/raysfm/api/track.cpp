@@ -265,18 +265,22 @@ std::string changes_in(const std::vector<CalibrationNumber>& numbers) {
   return text.empty() ? "the given one" : text;
 }
 
-// Puts into words what the user is told as it happens.
+// Puts into words what the user is told as it happens. While nothing starts, why not is told now and then.
 class Narrator : public TrackerObserver {
  public:
   Narrator(const EventSink& event, const LensOrigin& origin) : event_(event), origin_(origin) {}
 
   void world_started(const WorldStarted& e) override {
     const std::vector<int>& frames = e.start.frames;
+    next_refusal_ = 0;
     tell(event_, Event::Level::kInfo,
          fmt::format("started from frames {}, {}, {} with {} points", frames[0], frames[1], frames[2],
                      e.start.inliers));
   }
   void start_refused(const StartRefused& e) override {
+    constexpr int kToldEvery = 30;  // frames
+    if (e.frame < next_refusal_) return;
+    next_refusal_ = e.frame + kToldEvery;
     tell(event_, Event::Level::kWarning, fmt::format("no start yet: {}", e.reason));
   }
   void calibration_refined(const CalibrationRefined& e) override {
@@ -290,6 +294,7 @@ class Narrator : public TrackerObserver {
     }
   }
   void track_lost(const TrackLost& e) override {
+    next_refusal_ = 0;
     tell(event_, Event::Level::kWarning, fmt::format("track lost at frame {}: {}", e.frame, e.reason));
   }
   void track_found(const TrackFound& e) override {
@@ -315,6 +320,7 @@ class Narrator : public TrackerObserver {
  private:
   const EventSink& event_;
   const LensOrigin& origin_;
+  int next_refusal_ = 0;  // frame from which one is told
 };
 
 // Tells two observers; the second may be null.

@@ -521,9 +521,9 @@ void Odometry::accept(const ViewPtr& view, Localisation pose) {
 void Odometry::lose(ViewPtr view, const std::string& reason) {
   view = detected(view);
   segment().end_reason = reason;
-  frames_[view->frame].reason = "track lost: " + reason;
-  explain_blindness(*view);
-  observer_->track_lost({view->frame, world(), frames_[view->frame].reason});
+  const std::optional<std::string> blind = blindness(*view);
+  frames_[view->frame].reason = blind ? *blind : "track lost: " + reason;
+  observer_->track_lost({view->frame, world(), blind ? *blind : reason});
   remember_end();
   add_end();
   last_seen_ = std::exchange(previous_, std::nullopt);

@@ -51,6 +51,8 @@ struct MarksListener : TrackerObserver {
 
 struct PlaceListener : TrackerObserver {
   std::vector<PlaceSeenAgain> seen_again;
+  std::vector<TrackLost> lost;
+  void track_lost(const TrackLost& e) override { lost.push_back(e); }
   void place_seen_again(const PlaceSeenAgain& e) override { seen_again.push_back(e); }
 };
 
@@ -153,6 +155,9 @@ TEST(OdometryPlaces, AWorldThatSeesWhereTheOneBeforeEndedIsThatOne) {
     ASSERT_EQ(r.segments.size(), 1u);
     expect_posed_where_it_sees(r, film);
     EXPECT_LT(error_of(r, film).percent_of_path(), 0.2);
+    ASSERT_EQ(listener.lost.size(), 1u);
+    EXPECT_NE(listener.lost[0].reason.find("points"), std::string::npos);
+    EXPECT_FALSE(listener.lost[0].reason.starts_with("track lost")) << listener.lost[0].reason;
     ASSERT_EQ(listener.seen_again.size(), 1u);
     const Closure& closure = listener.seen_again[0].closure;
     EXPECT_TRUE(closure.joined_worlds);
