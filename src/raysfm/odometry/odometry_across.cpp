@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/places/map_fusion.h"
 #include "raysfm/views/scan_correction.h"
 
 namespace raysfm {
@@ -12,12 +13,6 @@ namespace {
 
 constexpr int kLookedBackAt = 8;  // key frames of the world that ended, the newest first
 constexpr int kMostNotFound = 3;  // of them, one after another
-
-bool has_observation(const Map& map, int track, int keyframe, int camera) {
-  return std::ranges::any_of(map.tracks[track].observations, [&](const TrackObservation& o) {
-    return o.keyframe == keyframe && map.keyframes[keyframe].cameras[o.feature] == camera;
-  });
-}
 
 }  // namespace
 
@@ -36,7 +31,6 @@ Odometry::EndedWorld Odometry::end_world() {
 // Where the new world sees the images that are left of the one that ended before it, both are one world. From
 // the earliest view of the new world time is gone through backwards.
 std::optional<Meeting> Odometry::look_across(EndedWorld* ended, const ViewPtr& earliest) {
-  if (maker_ == nullptr) return std::nullopt;  // key frames have let their corners go
   std::vector<SharedView> shared;
   goes_back_ = true;
   begin_from(earliest);
@@ -118,7 +112,7 @@ std::vector<SamePoint> Odometry::tie(const SharedPoints& shared, std::span<const
     const int known = k.size();
     for (TrackPixel m : v.matches) {
       m.track = track_here[m.track];
-      if (m.track >= 0 && !has_observation(map, m.track, v.keyframe, m.camera))
+      if (m.track >= 0 && !is_observed(map, m.track, v.keyframe, m.camera))
         observe(rig_, m, v.keyframe, &map);
     }
     correct_scan(rig_, rig_.scans() ? keyframe_velocity(k) : Velocity::Zero(), known, v.keyframe, &map);

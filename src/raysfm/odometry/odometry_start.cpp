@@ -29,7 +29,8 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   const std::vector<int> chosen = start.summary.frames;
   EndedWorld ended;
   if (!segments_.empty()) {
-    if (last_seen_) ended = end_world();
+    // Without a maker, key frames have let their corners go for good.
+    if (options_.loops && maker_ != nullptr && last_seen_) ended = end_world();
     ended.views.swap(segment().views);  // what was seen of it is remembered without images
     settle_until(views.front().frame);
   }
@@ -50,7 +51,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   if (rig_.scans()) refine_start();
 
   std::optional<Meeting> meeting;
-  if (options_.loops && ended.number >= 0) {
+  if (ended.number >= 0) {
     const auto earliest = std::ranges::find_if(
         views, [&](const WaitingView& v) { return v.view && frames_[v.frame].segment == world(); });
     meeting = look_across(&ended, earliest->view);

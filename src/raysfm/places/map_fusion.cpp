@@ -46,18 +46,19 @@ JoinedNumbers join_maps(const Similarity3& first_from_second, Map second, Map* f
   return numbers;
 }
 
+bool is_observed(const Map& map, int track, int keyframe, int camera) {
+  return std::ranges::any_of(map.tracks[track].observations, [&](const TrackObservation& o) {
+    return o.keyframe == keyframe && map.keyframes[keyframe].cameras[o.feature] == camera;
+  });
+}
+
 void fuse_tracks(int kept, int gone, Map* map) {
   if (kept == gone) return;
   Track &to = map->tracks[kept], &from = map->tracks[gone];
-  const auto has = [&](const TrackObservation& o) {
-    return std::ranges::any_of(to.observations, [&](const TrackObservation& other) {
-      return other.keyframe == o.keyframe && map->keyframes[o.keyframe].cameras[other.feature] ==
-                                                 map->keyframes[o.keyframe].cameras[o.feature];
-    });
-  };
   for (const TrackObservation& o : std::exchange(from.observations, {})) {
-    int& track = map->keyframes[o.keyframe].tracks[o.feature];
-    track = has(o) ? -1 : kept;
+    MapKeyFrame& k = map->keyframes[o.keyframe];
+    int& track = k.tracks[o.feature];
+    track = is_observed(*map, kept, o.keyframe, k.cameras[o.feature]) ? -1 : kept;
     if (track == kept) to.observations.push_back(o);
   }
   std::ranges::stable_sort(to.observations, {}, &TrackObservation::keyframe);

@@ -23,6 +23,9 @@ JoinedNumbers join_maps(const Similarity3& first_from_second, Map second, Map* f
 // Moves all of a map to another world.
 void transform_map(const Similarity3& b_from_a, Map* map);
 
+// Whether a camera of a key frame sees a track.
+bool is_observed(const Map& map, int track, int keyframe, int camera);
+
 // Makes one track of two that show one point: `kept` has the observations of both, at most one in each camera
 // of a key frame, and `gone` may be used again: nothing must name it any more. Both may be the same: nothing
 // happens then.

@@ -12,10 +12,6 @@ namespace {
 constexpr float kSameCorner = 1.5f;
 // Radians between the rays that tell the depth of a point.
 constexpr double kLeastParallax = 0.01;
-// Standard deviations of a corner that it may be off by where another view saw it, as the depth by which it
-// was carried over is not sure; the part of all for which that holds.
-constexpr double kMostCarriedOff = 8, kCarriedShare = 0.6;
-
 // Standard deviation of the logarithm of the scale up to which worlds are one. Of points far ahead along a
 // road it is a third of what the scale is off by.
 constexpr double kMostScaleSigma = 0.015;
@@ -98,14 +94,11 @@ bool are_seen(const TrackingRig& rig, const Map& here, const Map& there, std::sp
     for (size_t i = 0; i < v.matches.size(); ++i) {
       const TrackPixel& m = v.matches[i];
       const Eigen::Vector3d in_rig = rig_from_here * (here_from_there * there.tracks[m.track].position);
-      Eigen::Vector2d pixel;
       ++looked_at;
-      agreeing +=
-          rig.find(m.camera, rig.cam_from_rig(m.camera) * in_rig, &pixel) &&
-          (pixel - v.instant_pixels[i].cast<double>()).norm() < kMostCarriedOff * octave_side(m.octave);
+      agreeing += is_seen_about(rig, m.camera, m.octave, v.instant_pixels[i], in_rig);
     }
   }
-  return agreeing >= kCarriedShare * looked_at;
+  return agreeing >= kSeenShare * looked_at;
 }
 
 }  // namespace
@@ -126,10 +119,7 @@ std::optional<SharedPoints> relate_by_views(const TrackingRig& rig, const Map& h
   }
   const auto scale = scale_of(std::move(log_ratios), same_scale);
   if (!scale || scale->log_sigma > kMostScaleSigma) return std::nullopt;
-  const Similarity3 rig_there_from_here{scale->scale, rig_from_here.rotation,
-                                        scale->scale * rig_from_here.translation};
-  out.relation.log_scale_sigma = scale->log_sigma;
-  out.relation.there_from_here = similarity_of(v.rig_from_there.inverse()) * rig_there_from_here;
+  out.relation = relation_by(rig_from_here, v.rig_from_there, *scale);
   if (!are_seen(rig, here, there, views, inverse(out.relation.there_from_here))) return std::nullopt;
   return out;
 }

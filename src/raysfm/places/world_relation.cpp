@@ -14,10 +14,7 @@ constexpr size_t kMinPoints = 12;
 // ratios of one scale; and of one scale from another that ought to be the same.
 constexpr double kMaxSpread = 0.2, kMaxScaleError = 0.15;
 constexpr double kSigmaOfMedian = 1.4826 * 1.2533;  // of normal errors, from the median deviation
-// Standard deviations of a corner, in the key frame of the place: the depth of a point that is seen from
-// elsewhere is less sure than its direction.
-constexpr double kThereError = 8;
-constexpr double kAgreeingShare = 0.6;
+constexpr double kThereError = 8;                   // standard deviations of a corner
 
 // Whether the key frame of the place sees, where it saw the track there, the position that the point has
 // here.
@@ -27,10 +24,8 @@ bool is_seen_there(const TrackingRig& rig, const Map& there, int keyframe, int t
   for (const TrackObservation& o : there.tracks[track].observations) {
     if (o.keyframe != keyframe) continue;
     const int camera = k.cameras[o.feature];
-    Eigen::Vector2d pixel;
-    *agrees = rig.find(camera, rig.cam_from_rig(camera) * (k.rig_from_world * point_there), &pixel) &&
-              (pixel - k.instant_pixel(o.feature).cast<double>()).norm() <
-                  kThereError * octave_side(k.octaves[o.feature]);
+    *agrees = is_seen_about(rig, camera, k.octaves[o.feature], k.instant_pixel(o.feature),
+                            k.rig_from_world * point_there);
     return true;
   }
   return false;
@@ -60,11 +55,25 @@ std::optional<ScaleOfWorlds> scale_of(std::vector<double> log_ratios, bool same_
                        kSigmaOfMedian * spread / std::sqrt(static_cast<double>(log_ratios.size()))};
 }
 
+WorldRelation relation_by(const Rigid3& rig_from_here, const Rigid3& rig_from_there,
+                          const ScaleOfWorlds& scale) {
+  const Similarity3 rig_there_from_here{scale.scale, rig_from_here.rotation,
+                                        scale.scale * rig_from_here.translation};
+  return {similarity_of(rig_from_there.inverse()) * rig_there_from_here, scale.log_sigma, {}};
+}
+
+bool is_seen_about(const TrackingRig& rig, int camera, int octave, const Eigen::Vector2f& pixel,
+                   const Eigen::Vector3d& in_rig) {
+  Eigen::Vector2d seen;
+  return rig.find(camera, rig.cam_from_rig(camera) * in_rig, &seen) &&
+         (seen - pixel.cast<double>()).norm() < kThereError * octave_side(octave);
+}
+
 std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& here, int keyframe,
                                            const DescribedCorners& seen, const Map& there,
                                            const RecognisedPlace& place, bool same_scale) {
   const Rigid3& rig_from_here = here.keyframes[keyframe].rig_from_world;
-  WorldRelation out;
+  std::vector<SamePoint> points;
   std::vector<double> ratios;
   for (const CornerOfTrack& m : place.matches) {
     const int track = seen.corners[m.corner].track;
@@ -72,14 +81,12 @@ std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& he
     const double here_distance = (rig_from_here * here.tracks[track].position).norm();
     const double there_distance = (place.rig_from_world * there.tracks[m.track].position).norm();
     ratios.push_back(std::log(there_distance / here_distance));
-    out.points.push_back({track, m.track});
+    points.push_back({track, m.track});
   }
   const auto scale = scale_of(std::move(ratios), same_scale);
   if (!scale) return std::nullopt;
-  out.log_scale_sigma = scale->log_sigma;
-  const Similarity3 rig_there_from_here{scale->scale, rig_from_here.rotation,
-                                        scale->scale * rig_from_here.translation};
-  out.there_from_here = similarity_of(place.rig_from_world.inverse()) * rig_there_from_here;
+  WorldRelation out = relation_by(rig_from_here, place.rig_from_world, *scale);
+  out.points = std::move(points);
 
   int looked_at = 0, agreeing = 0;
   for (const SamePoint& p : out.points) {
@@ -89,8 +96,7 @@ std::optional<WorldRelation> relate_worlds(const TrackingRig& rig, const Map& he
     ++looked_at;
     agreeing += agrees;
   }
-  if (looked_at < static_cast<int>(kMinPoints) / 2 || agreeing < kAgreeingShare * looked_at)
-    return std::nullopt;
+  if (looked_at < static_cast<int>(kMinPoints) / 2 || agreeing < kSeenShare * looked_at) return std::nullopt;
   return out;
 }
 

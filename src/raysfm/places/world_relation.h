@@ -31,6 +31,16 @@ struct ScaleOfWorlds {
 // scale of both is known, and must agree. None of too few, and where they are no ratios of one scale.
 std::optional<ScaleOfWorlds> scale_of(std::vector<double> log_ratios, bool same_scale);
 
+// Where one world lies in another, from the pose of one rig in both; without points.
+WorldRelation relation_by(const Rigid3& rig_from_here, const Rigid3& rig_from_there,
+                          const ScaleOfWorlds& scale);
+
+// Whether a point of the rig is about where a camera saw it, at a pixel of an octave: the depth of a point
+// that was seen from elsewhere is less sure than its direction. Of all that are looked at a share must be.
+bool is_seen_about(const TrackingRig& rig, int camera, int octave, const Eigen::Vector2f& pixel,
+                   const Eigen::Vector3d& in_rig);
+constexpr double kSeenShare = 0.6;
+
 // From a place of the map `there` that was recognised in what a key frame of the map `here` sees: `seen` has
 // its corners with their tracks. Of both maps' points each must be where the other has it, as far as the key
 // frames can tell. None where it does not hold.
