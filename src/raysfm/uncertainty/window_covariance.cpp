@@ -18,8 +18,8 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
-constexpr int kSampled = 8;           // one of so many tells what an adjustment hides of their errors
-constexpr double kLeastLeft = 0.1;    // of these errors
+constexpr int kSampled = 8;         // one of so many tells what an adjustment hides of their errors
+constexpr double kLeastLeft = 0.1;  // of these errors
 // Standard deviations, beyond which an observation says nothing: the map may have moved since it fitted.
 constexpr double kMostMisfit = 4;
 constexpr double kLeastPivot = 1e-9;  // of equations whose diagonal is 1
