@@ -362,6 +362,26 @@ TEST_F(AdjustingTest, ThePaperAdjustsEveryKeyFrame) {
   EXPECT_TRUE(adds_one(Adjusting::kSoon));
 }
 
+// What a change of the calibration leaves to be done: the poses from a key frame on, and all points.
+TEST_F(AdjustTest, AnAdaptedPartComesBackWithItsPointsAndTheRestStays) {
+  constexpr int kFirst = 5;
+  const std::vector<Rigid3> truth = poses();
+  for (const Adaption how : {Adaption::kThinned, Adaption::kTwoSeries, Adaption::kToTheEnd}) {
+    truth_.map = ten_keyframes().map;
+    disturb_geometry(0.02, 0.003);
+    for (int k = 0; k < kFirst; ++k) truth_.map.keyframes[k].rig_from_world = truth[k];
+    const double before = rms();
+    ASSERT_GT(before, 1.0) << "the test disturbs nothing";
+    Mapper mapper(truth_.rig, options_);
+    mapper.adapt_to_cameras(kFirst, how, &truth_.map);
+    EXPECT_LT(rms(), 0.15 * before);  // but for the few points that only the others see
+    const std::vector<Rigid3> found = poses();
+    for (int k = 0; k < kFirst; ++k) EXPECT_TRUE(same(found[k], truth[k])) << k;
+    for (int k = kFirst; k < 10; ++k)
+      EXPECT_LT(degrees_between(found[k].rotation, truth[k].rotation), 0.01) << k;
+  }
+}
+
 // Patches that slide the same way, by less than makes an outlier, bend the path by a loss that suits what an
 // inlier may be, and hardly by one that suits the noise.
 TEST(AdjustToNoise, MatchesThatAreWrongByLittleBendNothing) {

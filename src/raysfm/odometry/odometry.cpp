@@ -698,14 +698,19 @@ void Odometry::adjust_to_noise(int number) {
   carry_frames(number, before);
 }
 
-// What only more views would need.
+// What only more views would need. To give memory back and to take it anew is dear: a map of no more key
+// frames than had views is adjusted in what these leave.
 void Odometry::release_views() {
   previous_.reset();
   starter_.reset();
   local_ = {};
   places_.forget();
-  for (SegmentState& s : segments_) s.views = std::vector<KeyFrameView>();
-  return_freed_memory();
+  size_t most_keyframes = 0;
+  for (SegmentState& s : segments_) {
+    s.views = std::vector<KeyFrameView>();
+    most_keyframes = std::max(most_keyframes, s.map.keyframes.size());
+  }
+  if (most_keyframes > kKeptViews) return_freed_memory();
 }
 
 OdometryTimings Odometry::timings() const {
