@@ -13,7 +13,9 @@ namespace raysfm {
 namespace {
 
 constexpr size_t kSlabBytes = 128 << 10;  // slabs lie at multiples of it
+constexpr size_t kBroughtIn = 16 << 10;   // of a slab at once: no block is larger
 constexpr size_t kFineStep = 16, kFineEnd = 256;
+static_assert(kBroughtIn >= kLargestSlabBlock && kSlabBytes % kBroughtIn == 0);
 constexpr int kFineClasses = kFineEnd / kFineStep, kClasses = kFineClasses + 8 * 6;
 
 // Sizes in steps of 16 bytes, and of an eighth of a power of two beyond 256.
@@ -35,12 +37,21 @@ struct FreeBlock {
   FreeBlock* next;
 };
 
+// Pages that will be written soon, in half the time that each takes by itself. Where the system does not know
+// how, they come when they are written.
+void bring_in([[maybe_unused]] char* pages, [[maybe_unused]] size_t bytes) {
+#ifdef MADV_POPULATE_WRITE
+  ::madvise(pages, bytes, MADV_POPULATE_WRITE);
+#endif
+}
+
 // Stands at the beginning of its memory; the blocks follow.
 struct alignas(16) Slab {
   Slab *previous = nullptr, *next = nullptr;  // of those with room
   FreeBlock* freed = nullptr;
   size_t untouched = sizeof(Slab);  // offset of what was never used
   size_t blocks = 0;                // in use
+  size_t brought_in = kSlabBytes;   // offset of what was not, a multiple of kBroughtIn
 
   bool has_room(size_t bytes) const { return freed || untouched + bytes <= kSlabBytes; }
 
@@ -52,6 +63,10 @@ struct alignas(16) Slab {
     } else {
       block = reinterpret_cast<char*>(this) + untouched;
       untouched += bytes;
+      if (untouched > brought_in) {
+        bring_in(reinterpret_cast<char*>(this) + brought_in, kBroughtIn);
+        brought_in += kBroughtIn;
+      }
     }
     return block;
   }
@@ -75,7 +90,10 @@ Slab* new_slab() {
   char* const aligned = reinterpret_cast<char*>(slab_of(begin + kSlabBytes - 1));
   if (aligned > begin) ::munmap(begin, aligned - begin);
   ::munmap(aligned + kSlabBytes, begin + kSlabBytes - aligned);
-  return ::new (aligned) Slab;
+  bring_in(aligned, kBroughtIn);
+  Slab* const slab = ::new (aligned) Slab;
+  slab->brought_in = kBroughtIn;
+  return slab;
 }
 
 class Slabs {

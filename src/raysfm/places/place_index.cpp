@@ -91,10 +91,15 @@ void PlaceIndex::Bucket::offer_near(uint64_t signature, std::span<const uint8_t>
   }
 }
 
-int PlaceIndex::add(std::span<const Descriptor> descriptors) {
-  numbers_.resize(kParts * kBuckets);
-  std::vector<uint64_t> signatures;
+PlaceIndex::Signatures PlaceIndex::signatures_of(std::span<const Descriptor> descriptors) {
+  Signatures signatures;
+  signatures.reserve(descriptors.size());
   for (const Descriptor& d : descriptors) signatures.push_back(signature(d));
+  return signatures;
+}
+
+int PlaceIndex::file(const Signatures& signatures) {
+  numbers_.resize(kParts * kBuckets);
   for (size_t i = 0; i < signatures.size(); ++i) {
     fetch_ahead(signatures, i);
     const uint64_t bits = signatures[i];

@@ -24,8 +24,13 @@ struct PlaceVotes {
 // Motwani 1998), and those that share a quarter are compared in all 64. 48 bytes a descriptor.
 class PlaceIndex {
  public:
+  // What of a place's descriptors is filed: the bits of each.
+  using Signatures = std::vector<uint64_t>;
+  static Signatures signatures_of(std::span<const Descriptor> descriptors);
+
   // Returns the number of the new place: 0, 1, 2, ...
-  int add(std::span<const Descriptor> descriptors);
+  int file(const Signatures& signatures);
+  int add(std::span<const Descriptor> descriptors) { return file(signatures_of(descriptors)); }
 
   int size() const { return size_; }
 

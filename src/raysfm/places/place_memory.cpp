@@ -29,12 +29,18 @@ bool is_sure(const std::optional<RecognisedPlace>& place, double most_false_alar
 }  // namespace
 
 void PlaceMemory::add(const PlaceRef& place, const MapKeyFrame& keyframe) {
-  index_.add(keyframe.descriptors);
+  unfiled_.push_back(PlaceIndex::signatures_of(keyframe.descriptors));
   places_.push_back(place);
 }
 
-std::vector<PlaceRef> PlaceMemory::most_like(const DescribedCorners& seen, int most) const {
+// Files the places before this one.
+void PlaceMemory::file_until(int number) {
+  for (; index_.size() < number; unfiled_.pop_front()) index_.file(unfiled_.front());
+}
+
+std::vector<PlaceRef> PlaceMemory::most_like(const DescribedCorners& seen, int most) {
   std::vector<PlaceRef> places;
+  file_until(size());
   for (const PlaceVotes& v : index_.search(seen.descriptors, {}, most)) places.push_back(places_[v.place]);
   return places;
 }
@@ -62,16 +68,19 @@ std::optional<Meeting> PlaceMemory::meet(const PlaceRef& here, WorldMaps worlds,
 
 // Those that stand out by their votes.
 std::vector<PlaceVotes> PlaceMemory::likely_places(const PlaceRef& here, const Map& map,
-                                                   const std::function<bool(int)>& at_hand) const {
+                                                   const std::function<bool(int)>& at_hand) {
   const std::vector<int> shared = shared_points(map, here.keyframe);
   std::vector<uint8_t> is_known;
+  int asked = 0;  // places until the last that is not known
   for (int p = 0; p < size(); ++p) {
     const PlaceRef& place = places_[p];
     // The local map has what is near in time, and tracks tie together what was seen without a gap.
     is_known.push_back(at_hand(p) || (place.world == here.world &&
                                       shared[place.keyframe] > kConnected * shared[here.keyframe]));
+    if (!is_known.back()) asked = p + 1;
   }
-  if (std::ranges::count(is_known, 0) == 0) return {};
+  if (asked == 0) return {};
+  file_until(asked);
   std::vector<PlaceVotes> likely =
       index_.search(map.keyframes[here.keyframe].descriptors, is_known, kMostLookedAt);
   const bool is_only_one = std::ranges::count(is_known, 0) == 1;
@@ -179,7 +188,10 @@ void PlaceMemory::drop(int world, std::span<const uint8_t> is_known, std::span<c
   std::erase_if(ends_, [&](const TrackEnd& end) {
     return end.world == world && end.keyframe < std::ssize(is_known) && is_known[end.keyframe];
   });
-  if (staying.size() < places_.size()) index_.keep(stays);
+  if (staying.size() < places_.size()) {
+    file_until(size());
+    index_.keep(stays);
+  }
   places_ = std::move(staying);
   renumber(world, world, keyframe_now, 0);
 }
@@ -193,6 +205,7 @@ void PlaceMemory::rename_tracks(int world, std::span<const int> track_now) {
 
 void PlaceMemory::forget() {
   index_ = {};
+  unfiled_.clear();
   places_ = std::vector<PlaceRef>();
   ends_.clear();
   hearsay_.reset();

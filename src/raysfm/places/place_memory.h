@@ -41,12 +41,12 @@ class PlaceMemory {
   // A described key frame.
   void add(const PlaceRef& place, const MapKeyFrame& keyframe);
 
-  int size() const { return index_.size(); }
+  int size() const { return static_cast<int>(places_.size()); }
   // By number, in the order in which they were added.
   const PlaceRef& place(int number) const { return places_[number]; }
 
   // The places most like what is seen, of all worlds, best first.
-  std::vector<PlaceRef> most_like(const DescribedCorners& seen, int most) const;
+  std::vector<PlaceRef> most_like(const DescribedCorners& seen, int most);
 
   // Whether a place is what is seen at a frame.
   std::optional<RecognisedPlace> recognise(const DescribedCorners& seen, WorldMaps worlds,
@@ -82,13 +82,14 @@ class PlaceMemory {
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, index_, places_, ends_, hearsay_);
+    raysfm::archive(a, index_, unfiled_, places_, ends_, hearsay_);
   }
 
  private:
   void renumber(int world, int into, std::span<const int> keyframes, int first_track);
   std::vector<PlaceVotes> likely_places(const PlaceRef& here, const Map& map,
-                                        const std::function<bool(int)>& at_hand) const;
+                                        const std::function<bool(int)>& at_hand);
+  void file_until(int number);
   std::optional<Meeting> look_closely(const PlaceRef& here, WorldMaps worlds,
                                       const std::vector<PlaceVotes>& likely);
   std::optional<Meeting> compare(const PlaceRef& here, const DescribedCorners& seen, const PlaceRef& there,
@@ -96,7 +97,10 @@ class PlaceMemory {
 
   PlaceMatcher matcher_;
   PlaceIndex index_;
-  std::vector<PlaceRef> places_;    // by their number in the index
+  // Of the places after those of the index: nothing was looked for among them yet, and in most videos nothing
+  // ever is among those that are at hand.
+  std::deque<PlaceIndex::Signatures> unfiled_;
+  std::vector<PlaceRef> places_;    // by their number
   std::deque<TrackEnd> ends_;       // oldest first
   std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
   const TrackingRig& rig_;
