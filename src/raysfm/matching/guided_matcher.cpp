@@ -53,20 +53,19 @@ void for_each_source(std::span<const KeyFrameView> views, std::span<const PatchQ
 
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query) {
-  const Eigen::Vector3d point = target_from_source * point_on_ray(keyframe, feature, distance);
-  return predict_patch(rig, keyframe, feature, distance, target, target_from_source, point, view, query);
+  PointProjection seen;
+  seen.in_image = rig.see(target, target_from_source * point_on_ray(keyframe, feature, distance), &seen.pixel,
+                          &seen.jacobian);
+  return predict_patch(keyframe, feature, distance, target, target_from_source.rotation.toRotationMatrix(),
+                       seen, view, query);
 }
 
-bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
-                   int target, const Rigid3& target_from_source, const Eigen::Vector3d& point_in_target,
+bool predict_patch(const KeyFrameView& keyframe, int feature, double distance, int target,
+                   const Eigen::Matrix3d& target_from_source, const PointProjection& seen,
                    const CameraView& view, PatchQuery* query) {
-  Eigen::Vector2d pixel;
-  Eigen::Matrix<double, 2, 3> projection;
-  if (!rig.see(target, point_in_target, &pixel, &projection)) return false;
+  if (!seen.in_image) return false;
   const Eigen::Matrix2d target_from_patch =
-      projection *
-      (target_from_source.rotation.toRotationMatrix() * keyframe.point_jacobians[feature].cast<double>()) *
-      distance;
+      seen.jacobian * (target_from_source * keyframe.point_jacobians[feature].cast<double>()) * distance;
   // In pixels of the patch's octave and of the target's.
   const double area = target_from_patch.determinant();
   if (!(area > 1e-6 && area < 1e6)) return false;
@@ -76,7 +75,7 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
   const double in_octaves = std::ldexp(area, 2 * (octave - query->octave));
   if (!(in_octaves > 1.0 / kMaxAreaRatio && in_octaves < kMaxAreaRatio)) return false;
   query->camera = target;
-  query->predicted = pixel.cast<float>();
+  query->predicted = seen.pixel.cast<float>();
   query->keyframe_from_target = octave_side(query->octave) * target_from_patch.inverse().cast<float>();
   return true;
 }

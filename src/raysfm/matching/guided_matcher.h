@@ -31,9 +31,10 @@ struct PatchQuery {
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query);
 
-// The same for a point that is known to lie somewhat beside the ray, given in the target's frame.
-bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
-                   int target, const Rigid3& target_from_source, const Eigen::Vector3d& point_in_target,
+// The same of a point that may lie somewhat beside the ray, as the target sees it; of the source's place in
+// the target the rotation is enough.
+bool predict_patch(const KeyFrameView& keyframe, int feature, double distance, int target,
+                   const Eigen::Matrix3d& target_from_source, const PointProjection& seen,
                    const CameraView& view, PatchQuery* query);
 
 // Fills the bend of a query that predict_patch() has just made: by how much the patch as a whole lies beside

@@ -178,6 +178,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
   Eigen::Matrix3d source_rotation = Eigen::Matrix3d::Identity();  // world_from_source, with the next
   Eigen::Vector3d source_in_world = Eigen::Vector3d::Zero();
   Rigid3 cam_from_source;
+  Eigen::Matrix3d cam_from_source_rotation = Eigen::Matrix3d::Identity();
   for (size_t i = 0; i < local.points.size(); i += step) {
     const LocalPoint& p = local.points[i];
     if (p.keyframe != keyframe || views[keyframe].cameras[p.feature] != source) {
@@ -186,6 +187,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
       const Rigid3 world_from_source =
           (rig_.cam_from_rig(source) * map.keyframes[keyframe].rig_from_world).inverse();
       cam_from_source = cam_from_world * world_from_source;
+      cam_from_source_rotation = cam_from_source.rotation.toRotationMatrix();
       source_rotation = world_from_source.rotation.toRotationMatrix();
       source_in_world = world_from_source.translation;
     }
@@ -198,9 +200,11 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                      .track = p.track,
                      .point = static_cast<int>(i),
                      .radius = radius};
-    if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source,
-                       cam_from_world_rotation * position + cam_from_world.translation, view.cameras[camera],
-                       &query)) {
+    PointProjection seen;
+    seen.in_image = rig_.see(camera, cam_from_world_rotation * position + cam_from_world.translation,
+                             &seen.pixel, &seen.jacobian);
+    if (!predict_patch(views[keyframe], p.feature, distance, camera, cam_from_source_rotation, seen,
+                       view.cameras[camera], &query)) {
       continue;
     }
     if (rig_.scans()) {

@@ -111,17 +111,18 @@ class DistancePrior {
   std::vector<double> in_cell_;
 };
 
-// How far from where a camera sees the point at `distance` on the ray of a feature it may see what is on the
-// ray, pixels: from half the distance to five times. Infinite where it does not see one of these.
-float reach_along_ray(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
-                      int target, const Rigid3& target_from_source) {
-  Eigen::Vector2d there, nearer, farther;
-  const auto see = [&](double d, Eigen::Vector2d* pixel) {
-    return rig.see(target, target_from_source * point_on_ray(keyframe, feature, d), pixel);
-  };
-  if (!see(distance, &there) || !see(0.5 * distance, &nearer) || !see(5.0 * distance, &farther))
-    return INFINITY;
-  return static_cast<float>(std::max((nearer - there).norm(), (farther - there).norm()));
+// Of the distance along a ray, where a point without one may be: it is looked for between what is seen there.
+constexpr std::array kOnRay = {1.0, 0.5, 5.0};
+
+// How far from where a camera sees the first of these points it may see the point, pixels. Infinite where it
+// does not see one of them.
+float reach_along_ray(const PointProjection* on_ray) {
+  double reach = 0;
+  for (size_t i = 0; i < kOnRay.size(); ++i) {
+    if (!on_ray[i].in_image) return INFINITY;
+    reach = std::max(reach, (on_ray[i].pixel - on_ray[0].pixel).norm());
+  }
+  return static_cast<float>(reach);
 }
 
 // Standard deviation of the residuals of inliers, from their median: that of the squared length of two normal
@@ -290,25 +291,34 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& vel
                                     from.rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
   DistancePrior prior(*map, anchor, rig_, camera);
   const float max_radius = kMaxSearch * static_cast<float>(rig_.camera(camera).width);
-  queries_.clear();
+  const Eigen::Matrix3d rotation = target_from_anchor.rotation.toRotationMatrix();
+  queries_.clear(), followed_.clear(), on_rays_.clear();
   for (int f = 0; f < from.size(); ++f) {
-    const int track = from.tracks[f];
-    if (from.cameras[f] != camera || track < 0 || map->tracks[track].triangulated) continue;
+    if (from.cameras[f] != camera || from.tracks[f] < 0 || map->tracks[from.tracks[f]].triangulated) continue;
     const double distance = prior.at(from.pixels[f]);
-    PatchQuery query{.keyframe = anchor, .feature = f, .track = track};
-    if (!(distance > 0) || !predict_patch(rig_, views[anchor], f, distance, camera, target_from_anchor,
-                                          view.cameras[camera], &query)) {
+    if (!(distance > 0)) continue;
+    followed_.push_back(f);
+    for (const double part : kOnRay) {
+      on_rays_.push_back(rotation * point_on_ray(views[anchor], f, part * distance) +
+                         target_from_anchor.translation);
+    }
+  }
+  rig_.see(camera, on_rays_, &seen_on_rays_);
+  for (size_t i = 0; i < followed_.size(); ++i) {
+    const int f = followed_[i];
+    const PointProjection* const on_ray = &seen_on_rays_[kOnRay.size() * i];
+    PatchQuery query{.keyframe = anchor, .feature = f, .track = from.tracks[f]};
+    if (!predict_patch(views[anchor], f, prior.at(from.pixels[f]), camera, rotation, *on_ray,
+                       view.cameras[camera], &query)) {
       continue;
     }
     if (rig_.scans()) {
-      const Eigen::Vector3d point = point_on_ray(views[anchor], f, distance);
       query.predicted +=
-          predict_scan_offset(rig_, camera, rig_.camera(camera).rig_from_cam * (target_from_anchor * point),
+          predict_scan_offset(rig_, camera, rig_.camera(camera).rig_from_cam * on_rays_[kOnRay.size() * i],
                               velocity, query.predicted.cast<double>());
     }
     const float slack = kSearchSlack * octave_side(query.octave);
-    const float reach = reach_along_ray(rig_, views[anchor], f, distance, camera, target_from_anchor);
-    query.radius = std::min(max_radius, slack + reach);
+    query.radius = std::min(max_radius, slack + reach_along_ray(on_ray));
     queries_.push_back(query);
   }
   matcher_.match(views, queries_, view, kMinMapZncc, &matches_);

@@ -118,6 +118,9 @@ class Mapper {
   std::vector<AcrossMatch> across_matches_;
   std::vector<int> same_place_;
   BundleAdjuster adjuster_;
+  std::vector<int> followed_;             // features of the anchor that are looked for
+  std::vector<Eigen::Vector3d> on_rays_;  // kOnRay for each
+  std::vector<PointProjection> seen_on_rays_;
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> matches_;
   std::vector<Eigen::Vector2f> starts_;

@@ -3,8 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <variant>
 
 #include "raysfm/camera/camera_class.h"
+#include "raysfm/residuals/block_residual.h"
 
 namespace raysfm {
 namespace {
@@ -29,6 +32,30 @@ double common_share(const TrackingRig& rig, int from, int to) {
   return rays > 0 ? static_cast<double>(seen) / rays : 0;
 }
 
+// Residuals of pixels at the origin, of a camera that is the rig, are where points are seen.
+void see_by_blocks(const Camera& camera, std::span<const Eigen::Vector3d> points,
+                   std::span<PointProjection> seen) {
+  static constexpr double kOrigin[kBlockLanes] = {};
+  static const Camera kRig;
+  const auto see = [&](const BlockResidual& projection) {
+    ResidualBlock block;
+    for (size_t begin = 0; begin < points.size(); begin += kBlockLanes) {
+      const size_t count = std::min<size_t>(kBlockLanes, points.size() - begin);
+      for (size_t k = 0; k < kBlockLanes; ++k) {
+        for (int i = 0; i < 3; ++i) block.x[i][k] = points[begin + std::min(k, count - 1)][i];
+      }
+      projection.evaluate(0, true, &block);
+      for (size_t k = 0; k < count; ++k) {
+        PointProjection& s = seen[begin + k];
+        s.pixel = {block.residual[0][k], block.residual[1][k]};
+        s.in_image = std::isfinite(block.squared[k]) && camera.contains(s.pixel);
+        for (int i = 0; i < 6; ++i) s.jacobian(i / 3, i % 3) = block.jacobian[i][k];
+      }
+    }
+  };
+  std::visit([&](const auto& model) { see(PixelResidual(kRig, model, kOrigin, kOrigin)); }, camera.model);
+}
+
 }  // namespace
 
 TrackingRig::TrackingRig(Rig rig, ErrorMeasure measure) : rig_(std::move(rig)) {
@@ -48,6 +75,19 @@ TrackingRig::TrackingRig(Rig rig, ErrorMeasure measure) : rig_(std::move(rig)) {
       if (a == b || (cam_from_rig(b) * camera(a).rig_from_cam).translation.norm() < 1e-9) continue;
       if (common_share(*this, a, b) > kLeastCommonShare) common_views_.push_back({a, b});
     }
+  }
+}
+
+void TrackingRig::see(int c, std::span<const Eigen::Vector3d> points_in_cam,
+                      std::vector<PointProjection>* seen) const {
+  seen->resize(points_in_cam.size());
+  if (camera(c).can_project()) {
+    see_by_blocks(camera(c), points_in_cam, *seen);
+    return;
+  }
+  for (size_t i = 0; i < points_in_cam.size(); ++i) {
+    PointProjection& s = (*seen)[i];
+    s.in_image = see(c, points_in_cam[i], &s.pixel, &s.jacobian);
   }
 }
 

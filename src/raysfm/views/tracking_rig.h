@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -16,6 +17,13 @@ enum class ErrorMeasure : uint8_t {
   kAngular,       // angles, each weighted to what it is in pixels where it was observed
   kAngularPlain,  // angles as they are, as in the paper
   kPaper,         // pixels where every camera projects, else angles as they are
+};
+
+// How a camera sees a point.
+struct PointProjection {
+  bool in_image = false;  // else the rest says nothing
+  Eigen::Vector2d pixel;
+  Eigen::Matrix<double, 2, 3> jacobian;  // by the point in the camera's frame
 };
 
 // A rig with what every stage of the pipeline asks of it, worked out once. Nothing after this asks which kind
@@ -44,6 +52,9 @@ class TrackingRig {
            Eigen::Matrix<double, 2, 3>* jacobian = nullptr) const {
     return find(c, point_in_cam, pixel, jacobian) && rig_.cameras[c].contains(*pixel);
   }
+
+  // The same of many points, several at once where the camera projects.
+  void see(int c, std::span<const Eigen::Vector3d> points_in_cam, std::vector<PointProjection>* seen) const;
 
   // Residuals are angular (LBA09 3.2); else they are differences of pixels.
   bool angular() const { return angular_; }

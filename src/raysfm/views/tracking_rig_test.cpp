@@ -50,5 +50,36 @@ TEST(TrackingRig, AngularResidualsAreInPixels) {
   }
 }
 
+// Beside, behind and before the camera, of as many points as fill no whole number of blocks.
+TEST(TrackingRig, ManyPointsAreSeenAsOneByOne) {
+  const Camera pinhole = small_camera();
+  Camera distorted = pinhole, fisheye = pinhole, mirror = pinhole;
+  distorted.model =
+      Radtan{.fx = 200, .fy = 210, .cx = 160, .cy = 120, .k1 = -0.2, .k2 = 0.05, .p1 = 1e-3, .p2 = -2e-3};
+  fisheye.model = KannalaBrandt{.fx = 120, .fy = 118, .cx = 160, .cy = 120, .k1 = 0.02, .k2 = -0.01};
+  mirror.model = Mirror{.fx = 200, .fy = 200, .cx = 160, .cy = 120};
+  Rng rng(3);
+  std::vector<Eigen::Vector3d> points;
+  for (int i = 0; i < 101; ++i) points.emplace_back(3 * rng.normal(), 3 * rng.normal(), 1 + 3 * rng.normal());
+  for (const Camera& camera : {pinhole, distorted, fisheye, mirror}) {
+    const TrackingRig rig(Rig{{camera}});
+    std::vector<PointProjection> many;
+    rig.see(0, points, &many);
+    ASSERT_EQ(many.size(), points.size());
+    int in_image = 0;
+    for (size_t i = 0; i < points.size(); ++i) {
+      PointProjection one;
+      one.in_image = rig.see(0, points[i], &one.pixel, &one.jacobian);
+      ASSERT_EQ(many[i].in_image, one.in_image) << model_name(camera.model) << ' ' << i;
+      if (!one.in_image) continue;
+      ++in_image;
+      EXPECT_LT((many[i].pixel - one.pixel).norm(), 1e-9);
+      EXPECT_LT((many[i].jacobian - one.jacobian).norm(), 1e-9 * one.jacobian.norm());
+    }
+    EXPECT_GT(in_image, 5) << model_name(camera.model);
+    EXPECT_LT(in_image, 101) << model_name(camera.model);
+  }
+}
+
 }  // namespace
 }  // namespace raysfm
