@@ -39,7 +39,7 @@ const BundleOptions kFirstWholeAdaption{
     .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
-// Points in each key frame that tell its pose, where all of them would take long.
+// Points in each key frame of a large map that tell its pose.
 constexpr int kThinnedPoints = 80;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
@@ -556,9 +556,8 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
-    case Adaption::kThinned:
-      raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kFirstAdaption, kInlierError,
-                             kThinnedPoints);
+    case Adaption::kOneSeries:
+      adjuster_.adjust_and_update(problem, kFirstAdaption, kInlierError);
       break;
     case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
