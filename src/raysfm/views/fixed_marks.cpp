@@ -238,12 +238,7 @@ bool FixedMarks::covers(int camera, const Eigen::Vector2f& pixel) const {
 ViewPtr FixedMarks::without(const ViewPtr& view) const {
   const auto holds = [&](const Mark& m) { return m.since <= view->frame; };
   if (!view->detected() || std::ranges::none_of(marks_, holds)) return view;
-  auto rest = std::make_shared<View>();
-  rest->frame = view->frame;
-  rest->timestamp = view->timestamp;
-  rest->name = view->name;
-  rest->repeats = view->repeats;
-  rest->detect_ms = view->detect_ms;
+  auto rest = std::make_shared<View>(view->stamp());
   for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) {
     const Features& features = view->cameras[c].features;
     std::vector<int> which;

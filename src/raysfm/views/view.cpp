@@ -177,10 +177,7 @@ ViewPtr images_of(const View& view) {
 }
 
 ViewPtr coarser_images_of(const View& view, int octaves) {
-  auto images = std::make_shared<View>();
-  images->frame = view.frame;
-  images->timestamp = view.timestamp;
-  images->repeats = view.repeats;
+  auto images = std::make_shared<View>(view.stamp());
   for (const CameraView& camera : view.cameras) {
     CameraView& image = images->cameras.emplace_back();
     image.width = camera.width;

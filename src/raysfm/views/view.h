@@ -56,20 +56,30 @@ struct CameraView : CameraImage {
   const FeatureGrid& grid(int octave) const { return grids[octave - octaves->first()]; }
 };
 
-// One frame: an image of every camera of the rig, taken at one instant. Made ahead of time on any thread.
-struct View {
+// Which frame a view is of: all of it but what its images show. Whatever is made of a view has the same.
+struct ViewStamp {
   int frame = 0;
   double timestamp = 0;  // seconds
   std::string name;
-  std::vector<CameraView> cameras;
   std::string defect;    // why an image cannot be used; empty: none. There are no cameras then
   int same_as = -1;      // frame whose pictures it shows once more; it has no cameras then. -1: none
   int repeats = 0;       // frames before it that show others once more
   double detect_ms = 0;  // that both steps took ahead of time
 
-  bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
   // Of random numbers: those of a film are the same with and without frames that repeat others.
   uint64_t random_stream() const { return static_cast<uint64_t>(frame - repeats); }
+};
+
+// One frame: an image of every camera of the rig, taken at one instant. Made ahead of time on any thread.
+struct View : ViewStamp {
+  View() = default;
+  // A view of the same frame, without cameras.
+  explicit View(const ViewStamp& stamp) : ViewStamp(stamp) {}
+  const ViewStamp& stamp() const { return *this; }
+
+  std::vector<CameraView> cameras;
+
+  bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
 };
 
 // Views are not changed once others may see them.

@@ -18,11 +18,7 @@ GrayImage cropped(const GrayImage& picture, const Roi& roi) {
 
 // A view as look() left it.
 std::shared_ptr<View> looked_at(const View& view) {
-  auto copy = std::make_shared<View>();
-  copy->frame = view.frame;
-  copy->timestamp = view.timestamp;
-  copy->name = view.name;
-  copy->detect_ms = view.detect_ms;
+  auto copy = std::make_shared<View>(view.stamp());
   for (const CameraView& camera : view.cameras) {
     copy->cameras.emplace_back().CameraImage::operator=(camera);
   }

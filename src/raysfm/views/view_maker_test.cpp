@@ -78,6 +78,25 @@ TEST(ViewMaker, WhatIsDetectedIsLeftAlone) {
   EXPECT_TRUE(view.cameras[0].features.pixels[0].isZero());
 }
 
+// Random numbers depend on it, which must be the same whether corners were detected ahead of time or not.
+TEST(ViewMaker, WhatIsMadeOfAViewIsOfTheSameFrame) {
+  const ViewMaker maker = three_cameras();
+  View seen;
+  seen.frame = 7, seen.timestamp = 0.7, seen.name = "seventh", seen.repeats = 3;
+  maker.look(pictures(), &seen);
+  seen.detect_ms = 4;
+  const ViewPtr view = std::make_shared<View>(std::move(seen)), with_corners = maker.detected(view);
+  EXPECT_TRUE(with_corners->detected());
+  EXPECT_GT(with_corners->detect_ms, 4);
+  for (const ViewPtr& made : {with_corners, images_of(*view), coarser_images_of(*view, 1)}) {
+    EXPECT_EQ(made->frame, 7);
+    EXPECT_EQ(made->timestamp, 0.7);
+    EXPECT_EQ(made->name, "seventh");
+    EXPECT_EQ(made->repeats, 3);
+    EXPECT_EQ(made->random_stream(), 4u);
+  }
+}
+
 // Features of a key frame: some anywhere, then two of three corners of each camera, whose patches are those
 // of the view.
 TEST(KeyFrameView, CornersKeepTheirPatches) {
