@@ -40,17 +40,6 @@ BundleSummary adjust_with(BundleCore<N>& core, const BundleProblem& problem, con
 }
 
 template <int N>
-BundleSummary adjust_and_update_with(BundleCore<N>& core, const BundleProblem& problem,
-                                     const BundleOptions& options, double inlier_threshold) {
-  const bool moves = core.load(problem, options, Taking::kAll);
-  const LmSummary lm = moves ? minimise(core, options) : LmSummary{};
-  const BundleSummary summary = summary_of(core, lm);
-  if (lm.termination != Termination::kInterrupted) core.mark_inliers(inlier_threshold);
-  if (moves) core.store();
-  return summary;
-}
-
-template <int N>
 BundleSummary adjust_two_stage_with(BundleCore<N>& core, const BundleProblem& problem,
                                     const BundleOptions& first_options, const BundleOptions& second_options,
                                     double inlier_threshold) {
@@ -105,18 +94,6 @@ BundleSummary BundleAdjuster::adjust(const BundleProblem& problem, const BundleO
   summary.termination = Termination::kInvalidProblem;
   if (!is_valid(problem, options)) return summary;
   summary = workspace_->with_core(problem, [&](auto& core) { return adjust_with(core, problem, options); });
-  summary.solve_ms = milliseconds_since(start);
-  return summary;
-}
-
-BundleSummary BundleAdjuster::adjust_and_update(const BundleProblem& problem, const BundleOptions& options,
-                                                double inlier_threshold) {
-  const Clock::time_point start = Clock::now();
-  BundleSummary summary;
-  summary.termination = Termination::kInvalidProblem;
-  if (!is_valid(problem, options)) return summary;
-  summary = workspace_->with_core(
-      problem, [&](auto& core) { return adjust_and_update_with(core, problem, options, inlier_threshold); });
   summary.solve_ms = milliseconds_since(start);
   return summary;
 }

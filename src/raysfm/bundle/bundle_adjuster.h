@@ -30,10 +30,6 @@ class BundleAdjuster {
   // One series of iterations over the inliers. Leaves is_inlier alone.
   BundleSummary adjust(const BundleProblem& problem, const BundleOptions& options);
 
-  // One series over the inliers with an update of them after it. problem.is_inlier must not be empty.
-  BundleSummary adjust_and_update(const BundleProblem& problem, const BundleOptions& options,
-                                  double inlier_threshold);
-
   // Two series of iterations with an update of the inliers after each (LBA09 2.5). problem.is_inlier must not
   // be empty. The summary spans both: the initial cost of the first, the final cost of the second, the sum of
   // the iterations and times, the drops of the second.

@@ -243,30 +243,6 @@ TEST(BundleAdjuster, TwoStagesFindTheOutliersAndTakeBackInliers) {
   }
 }
 
-// What was rejected before has no say in one series, and is looked at again after it: outliers stay out, and
-// what was rejected wrongly comes back.
-TEST(BundleAdjuster, OneSeriesGoesByTheInliersAndFindsThemAnew) {
-  BundleScene scene = make_bundle_scene({.point_error = 0.02});
-  Rng rng(5);
-  std::vector<uint8_t> is_outlier(scene.observations.size(), 0);
-  for (size_t i = 0; i < scene.observations.size(); ++i) {
-    is_outlier[i] = rng.uniform() < 0.05;
-    if (is_outlier[i]) scene.observations[i].pixel += Eigen::Vector2d(300, 300);
-    scene.is_inlier[i] = !is_outlier[i] && rng.uniform() > 0.05;
-  }
-  BundleScene alone = scene;
-  BundleAdjuster adjuster;
-  const BundleSummary summary = adjuster.adjust_and_update(scene.problem(), {}, 4.0);
-  const BundleSummary plain = adjuster.adjust(alone.problem(), {});
-  EXPECT_NEAR(summary.final_cost, plain.final_cost, 1e-6 * plain.final_cost);
-  EXPECT_EQ(summary.used_observations, plain.used_observations);
-  for (size_t i = 7; i < 10; ++i)
-    EXPECT_LT((scene.poses[i].translation - alone.poses[i].translation).norm(), 1e-6);
-  int wrong = 0;
-  for (size_t i = 0; i < is_outlier.size(); ++i) wrong += scene.is_inlier[i] == is_outlier[i];
-  EXPECT_LE(wrong, 5);
-}
-
 // With one standard deviation for all, its unit does not matter: powers of two do not even change the bits.
 TEST(BundleAdjuster, StandardDeviationsAreTheUnitOfResiduals) {
   for (const bool angular : {false, true}) {

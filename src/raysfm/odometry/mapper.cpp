@@ -39,8 +39,9 @@ const BundleOptions kFirstWholeAdaption{
     .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
-// Points in each key frame of a large map that tell its pose.
-constexpr int kThinnedPoints = 80;
+// Points in each key frame that tell its pose, where all of them would take long: of a large map, and of the
+// newest part that a calibration changes a little.
+constexpr int kThinnedPoints = 80, kAdaptedPoints = 300;
 // Up to N_f key frames everything moves: with each of the first, then with every fifth.
 constexpr int kAlwaysGlobal = 10, kGlobalEvery = 5;
 // Key frames to an adjustment, where tracking does not need one. With 1 kitti07-mono and kitti00-small are no
@@ -556,8 +557,9 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
-    case Adaption::kOneSeries:
-      adjuster_.adjust_and_update(problem, kFirstAdaption, kInlierError);
+    case Adaption::kThinned:
+      raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kFirstAdaption, kInlierError,
+                             kAdaptedPoints);
       break;
     case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);

@@ -20,9 +20,10 @@ namespace raysfm {
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
 
-// How a map follows a calibration that has changed: in one series of a few steps with the inliers that there
-// are, where the change is small; in two, the inliers found anew in between; or until it converges.
-enum class Adaption { kOneSeries, kTwoSeries, kToTheEnd };
+// How a map follows a calibration that has changed: in a few steps of the poses by the points that hold them
+// best, which the others follow, where the change is small; in two series of a few steps, the inliers found
+// anew in between; or until it converges.
+enum class Adaption { kThinned, kTwoSeries, kToTheEnd };
 
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };

@@ -41,7 +41,7 @@ void Odometry::refine_calibration(int number, bool last) {
     if (rig_.scans() && !scanned) shutter_found_at_ = frames() - 1;
     const bool is_far = refiner_.take_over();
     adapt(number, last ? 0 : std::max(0, keyframes - kAdapted),
-          last || is_far ? Adaption::kTwoSeries : Adaption::kOneSeries);
+          last || is_far ? Adaption::kTwoSeries : Adaption::kThinned);
     if (all) find_scale(number);
     // Where rays have different origins, lens and scale tell each other: each moves with the other.
     const bool again = is_far || (all && !rig_.central());
