@@ -43,7 +43,7 @@ std::vector<uint8_t> choose_points(const BundleProblem& problem, int per_pose);
 // Adjusts a large problem in a part of the time: poses by the chosen points alone, in the two series of
 // BundleAdjuster::adjust_two_stage(); all other points follow the first pose that sees them, and then each is
 // adjusted by itself, with the poses held. Inliers of every observation are those of the result. The summary
-// is that of the poses' adjustment.
+// is that of the poses' adjustment. problem.is_inlier must not be empty.
 BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& problem,
                              const BundleOptions& first_options, const BundleOptions& second_options,
                              double inlier_threshold, int per_pose);

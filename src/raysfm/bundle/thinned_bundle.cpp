@@ -12,13 +12,14 @@ namespace {
 // Of each series, when poses are held: nothing but a point's own observations holds it back.
 constexpr int kPointSteps = 1;
 
-// The chosen points with what is seen of them, as a problem of its own with the poses of the whole.
-class ThinnedProblem {
+// Points that were chosen, or those that were not, with what is seen of them: a problem of its own with the
+// poses of the whole.
+class PartOfPoints {
  public:
-  ThinnedProblem(const BundleProblem& whole, std::span<const uint8_t> is_chosen) : whole_(whole) {
+  PartOfPoints(const BundleProblem& whole, std::span<const uint8_t> is_chosen, bool chosen) : whole_(whole) {
     std::vector<int> number(whole.points.size(), -1);
     for (size_t p = 0; p < whole.points.size(); ++p) {
-      if (!is_chosen[p]) continue;
+      if ((is_chosen[p] != 0) != chosen) continue;
       number[p] = static_cast<int>(point_ids_.size());
       point_ids_.push_back(static_cast<int>(p));
       points_.push_back(whole.points[p]);
@@ -28,6 +29,7 @@ class ThinnedProblem {
       BundleObservation o = whole.observations[i];
       if (number[o.point] < 0) continue;
       o.point = number[o.point];
+      ids_.push_back(static_cast<int>(i));
       observations_.push_back(o);
       is_inlier_.push_back(whole.uses(i));
       if (!whole.rays.empty()) rays_.push_back(whole.rays[i]);
@@ -35,24 +37,28 @@ class ThinnedProblem {
     }
   }
 
+  bool empty() const { return points_.empty(); }
+
   BundleProblem problem() {
-    BundleProblem thinned = whole_;  // poses are those of the whole
-    thinned.points = points_;
-    thinned.point_is_fixed = point_is_fixed_;
-    thinned.observations = observations_;
-    thinned.is_inlier = is_inlier_;
-    thinned.rays = rays_;
-    thinned.sigmas = sigmas_;
-    return thinned;
+    BundleProblem part = whole_;  // poses are those of the whole
+    part.points = points_;
+    part.point_is_fixed = point_is_fixed_;
+    part.observations = observations_;
+    part.is_inlier = is_inlier_;
+    part.rays = rays_;
+    part.sigmas = sigmas_;
+    return part;
   }
 
-  void store_points() const {
+  // Where they are now, and which observations fit.
+  void store() const {
     for (size_t p = 0; p < point_ids_.size(); ++p) whole_.points[point_ids_[p]] = points_[p];
+    for (size_t i = 0; i < ids_.size(); ++i) whole_.is_inlier[ids_[i]] = is_inlier_[i];
   }
 
  private:
   BundleProblem whole_;
-  LargeArray<int> point_ids_;
+  LargeArray<int> point_ids_, ids_;  // of points and observations in the whole
   LargeArray<Eigen::Vector3d> points_;
   LargeArray<uint8_t> point_is_fixed_, is_inlier_;
   LargeArray<BundleObservation> observations_;
@@ -113,18 +119,21 @@ BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& prob
   const std::vector<uint8_t> is_chosen = choose_points(problem, per_pose);
   BundleSummary summary;
   {
-    ThinnedProblem thinned(problem, is_chosen);
-    summary = adjuster.adjust_two_stage(thinned.problem(), first_options, second_options, inlier_threshold);
-    thinned.store_points();
+    PartOfPoints chosen(problem, is_chosen, true);
+    summary = adjuster.adjust_two_stage(chosen.problem(), first_options, second_options, inlier_threshold);
+    chosen.store();
   }
   carry_points(problem, is_chosen, before);
+  PartOfPoints others(problem, is_chosen, false);
+  if (others.empty()) return summary;
   const std::vector<uint8_t> all_held(problem.rig_from_world.size(), 0);
-  BundleProblem points = problem;
+  BundleProblem points = others.problem();
   points.pose_is_free = all_held;
   points.scale_prior = {};
   BundleOptions steps = second_options;
   steps.max_iterations = kPointSteps;
   adjuster.adjust_two_stage(points, steps, steps, inlier_threshold);
+  others.store();
   return summary;
 }
 

@@ -2,6 +2,8 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cmath>
+#include <memory>
 #include <vector>
 
 #include "raysfm/bundle/bundle_core.h"
@@ -9,6 +11,7 @@
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/core/paged_memory.h"
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/residuals/block_residual.h"
 
 namespace raysfm {
 namespace {
@@ -70,11 +73,9 @@ class Measurement {
     Eigen::Matrix<double, 2, 6> by_pose;
     Eigen::Matrix<double, 2, 3> by_point;
   };
-  // A camera with one parameter changed, or none.
-  struct Placed {
+  // A camera with one parameter changed.
+  struct Moved {
     Camera camera;
-    Eigen::Matrix3d cam_from_rig;
-    Eigen::Vector3d rig_in_cam;
     int parameter;
     double inverse_step;
   };
@@ -95,14 +96,9 @@ class Measurement {
     for (size_t p = 0; p < layout.points.size(); ++p) point_number_[layout.points[p]] = static_cast<int>(p);
   }
 
-  static Placed place(const Camera& camera, int parameter, double step) {
-    const Rigid3 cam_from_rig = camera.rig_from_cam.inverse();
-    return {camera, cam_from_rig.rotation.toRotationMatrix(), cam_from_rig.translation, parameter, 1 / step};
-  }
-
   void place_cameras() {
     for (const Camera& camera : parameters_.rig(values_).cameras) {
-      present_.push_back(place(camera, -1, 1));
+      present_.push_back(camera);
       scanned_down_.push_back(camera);
       scanned_down_.back().shutter = {1, RollingShutter::Direction::kDown};
       scanned_right_.push_back(camera);
@@ -119,60 +115,109 @@ class Measurement {
       const Rig rig = parameters_.rig(moved);
       for (size_t c = 0; c < present_.size(); ++c) {
         if (parameters_.concerns(j, static_cast<int>(c)))
-          moved_[c].push_back(place(rig.cameras[c], j, parameters_[j].step));
+          moved_[c].push_back({rig.cameras[c], j, 1 / parameters_[j].step});
       }
     }
   }
 
   void differentiate() {
-    std::vector<Eigen::Matrix3d> rotations;
-    for (const Rigid3& p : problem_.rig_from_world) rotations.push_back(p.rotation.toRotationMatrix());
+    for (const Rigid3& p : problem_.rig_from_world) rotations_.push_back(p.rotation.toRotationMatrix());
     by_parameters_.assign(2 * static_cast<size_t>(width_) * problem_.observations.size(), 0.0);
     terms_.reserve(problem_.observations.size());
-    for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
-      if (!problem_.uses(i)) continue;
-      const BundleObservation& o = problem_.observations[i];
-      if (point_number_[o.point] < 0) continue;
-      const Eigen::Vector3d x =
-          rotations[o.pose] * problem_.points[o.point] + problem_.rig_from_world[o.pose].translation;
-      Term t;
-      t.observation = i;
-      t.pose = pose_number_[o.pose];
-      t.point = point_number_[o.point];
-      Eigen::Matrix<double, 2, 3> by_x;
-      BlockMap<2> by_parameters = this->by_parameters(terms_.size());
-      if (!(problem_.rays.empty() ? differentiate_pixel(i, x, &t, &by_x, by_parameters)
-                                  : differentiate_angle(i, x, &t, &by_x, by_parameters))) {
-        by_parameters.setZero();
-        continue;
-      }
-      const double scale = problem_.sigmas.empty() ? 1.0 : 1 / problem_.sigmas[i];
-      t.residual *= scale;
-      by_x *= scale;
-      by_parameters *= scale;
-      t.weight = options_.loss.weight(t.residual.squaredNorm());
-      t.by_pose << by_x, -by_x * skew(x);
-      t.by_point.noalias() = by_x * rotations[o.pose];
-      terms_.push_back(t);
+    for (int c = 0; c < static_cast<int>(present_.size()); ++c) {
+      const std::vector<int> seen = seen_by(c);
+      problem_.rays.empty() ? differentiate_pixels(c, seen) : differentiate_angles(seen);
     }
   }
 
-  bool differentiate_pixel(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
-                           BlockMap<2> by_parameters) const {
+  // Observations of a camera that count.
+  std::vector<int> seen_by(int camera) const {
+    std::vector<int> seen;
+    for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
+      const BundleObservation& o = problem_.observations[i];
+      if (o.camera == camera && point_number_[o.point] >= 0 && problem_.uses(i)) seen.push_back(i);
+    }
+    return seen;
+  }
+
+  Eigen::Vector3d point_in_rig(const BundleObservation& o) const {
+    return rotations_[o.pose] * problem_.points[o.point] + problem_.rig_from_world[o.pose].translation;
+  }
+
+  // A term whose derivatives by the parameters are in their place; all in the unit of the residual.
+  void add_term(int i, const Eigen::Vector3d& x, const Eigen::Vector2d& residual,
+                const Eigen::Matrix<double, 2, 3>& by_x) {
     const BundleObservation& o = problem_.observations[i];
-    const Placed& present = present_[o.camera];
-    Eigen::Vector2d pixel, moved;
-    Eigen::Matrix<double, 2, 3> by_x_in_cam;
-    if (!present.camera.project(present.cam_from_rig * x + present.rig_in_cam, &pixel, &by_x_in_cam))
-      return false;
-    by_x->noalias() = by_x_in_cam * present.cam_from_rig;
-    t->residual = pixel - o.pixel;
-    for (const Placed& p : moved_[o.camera]) {
-      if (!p.camera.project(p.cam_from_rig * x + p.rig_in_cam, &moved)) return false;
-      by_parameters.col(p.parameter) = (moved - pixel) * p.inverse_step;
+    const double scale = problem_.sigmas.empty() ? 1.0 : 1 / problem_.sigmas[i];
+    by_parameters(terms_.size()) *= scale;
+    Term t;
+    t.observation = i;
+    t.pose = pose_number_[o.pose];
+    t.point = point_number_[o.point];
+    t.residual = scale * residual;
+    t.weight = options_.loss.weight(t.residual.squaredNorm());
+    t.by_pose << scale * by_x, -scale * by_x * skew(x);
+    t.by_point.noalias() = scale * by_x * rotations_[o.pose];
+    terms_.push_back(t);
+  }
+
+  // Eight at a time, each by every calibration that is another than the present one in one number.
+  void differentiate_pixels(int c, const std::vector<int>& seen) {
+    double u[kBlockLanes], v[kBlockLanes];
+    const auto error_of = [&](const Camera& camera) {
+      return with_pixel_residual(camera, u, v, [](auto residual) -> std::unique_ptr<BlockResidual> {
+        return std::make_unique<decltype(residual)>(residual);
+      });
+    };
+    const std::unique_ptr<BlockResidual> present = error_of(present_[c]);
+    std::vector<std::unique_ptr<BlockResidual>> moved;
+    for (const Moved& p : moved_[c]) moved.push_back(error_of(p.camera));
+    ResidualBlock here;
+    std::vector<ResidualBlock> there(moved.size());
+    for (size_t begin = 0; begin < seen.size(); begin += kBlockLanes) {
+      const size_t count = std::min<size_t>(kBlockLanes, seen.size() - begin);
+      for (size_t k = 0; k < kBlockLanes; ++k) {
+        const BundleObservation& o = problem_.observations[seen[begin + std::min(k, count - 1)]];
+        const Eigen::Vector3d x = point_in_rig(o);
+        for (int d = 0; d < 3; ++d) here.x[d][k] = x[d];
+        u[k] = o.pixel.x(), v[k] = o.pixel.y();
+      }
+      present->evaluate(0, true, &here);
+      for (size_t m = 0; m < moved.size(); ++m) {
+        std::copy_n(&here.x[0][0], 3 * kBlockLanes, &there[m].x[0][0]);
+        moved[m]->evaluate(0, false, &there[m]);
+      }
+      for (size_t k = 0; k < count; ++k) add_lane(c, seen[begin + k], k, here, there);
+    }
+  }
+
+  void add_lane(int c, int i, size_t k, const ResidualBlock& here, const std::vector<ResidualBlock>& there) {
+    const auto is_seen = [&](const ResidualBlock& block) { return std::isfinite(block.squared[k]); };
+    if (!is_seen(here) || !std::ranges::all_of(there, is_seen)) return;
+    const Eigen::Vector2d residual(here.residual[0][k], here.residual[1][k]);
+    BlockMap<2> by_parameters = this->by_parameters(terms_.size());
+    for (size_t m = 0; m < there.size(); ++m) {
+      const Eigen::Vector2d moved(there[m].residual[0][k], there[m].residual[1][k]);
+      by_parameters.col(moved_[c][m].parameter) = (moved - residual) * moved_[c][m].inverse_step;
     }
     for (const int j : readouts_) by_parameters.col(j) = -by_readout(i, j);
-    return t->residual.allFinite();
+    Eigen::Matrix<double, 2, 3> by_x;
+    for (int d = 0; d < 6; ++d) by_x(d / 3, d % 3) = here.jacobian[d][k];
+    add_term(i, {here.x[0][k], here.x[1][k], here.x[2][k]}, residual, by_x);
+  }
+
+  void differentiate_angles(const std::vector<int>& seen) {
+    for (const int i : seen) {
+      const Eigen::Vector3d x = point_in_rig(problem_.observations[i]);
+      Eigen::Vector2d residual;
+      Eigen::Matrix<double, 2, 3> by_x;
+      BlockMap<2> by_parameters = this->by_parameters(terms_.size());
+      if (differentiate_angle(i, x, &residual, &by_x, by_parameters)) {
+        add_term(i, x, residual, by_x);
+      } else {
+        by_parameters.setZero();
+      }
+    }
   }
 
   // By how much the place that an observation would have at the instant of the frame moves with a readout.
@@ -184,41 +229,42 @@ class Measurement {
   }
 
   // What a residual is in pixels depends on the calibration as well.
-  bool differentiate_angle(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
-                           BlockMap<2> by_parameters) const {
-    if (weight_ == AngularWeight::kNone) return differentiate_plain_angle(i, x, t, by_x, by_parameters);
+  bool differentiate_angle(int i, const Eigen::Vector3d& x, Eigen::Vector2d* residual,
+                           Eigen::Matrix<double, 2, 3>* by_x, BlockMap<2> by_parameters) const {
+    if (weight_ == AngularWeight::kNone)
+      return differentiate_plain_angle(i, x, residual, by_x, by_parameters);
     const BundleObservation& o = problem_.observations[i];
-    if (!problem_.rays[i].residual(x, &t->residual, by_x)) return false;
+    if (!problem_.rays[i].residual(x, residual, by_x)) return false;
     ObservedRay moved_ray;
     Eigen::Vector2d moved;
-    for (const Placed& p : moved_[o.camera]) {
+    for (const Moved& p : moved_[o.camera]) {
       if (!observe_ray(p.camera, o.pixel, weight_, &moved_ray) || !moved_ray.residual(x, &moved))
         return false;
-      by_parameters.col(p.parameter) = (moved - t->residual) * p.inverse_step;
+      by_parameters.col(p.parameter) = (moved - *residual) * p.inverse_step;
     }
     for (const int j : readouts_) {
       const double step = parameters_[j].step;
       const Eigen::Vector2d moved_pixel = o.pixel + step * by_readout(i, j);
-      if (!observe_ray(present_[o.camera].camera, moved_pixel, weight_, &moved_ray) ||
+      if (!observe_ray(present_[o.camera], moved_pixel, weight_, &moved_ray) ||
           !moved_ray.residual(x, &moved)) {
         return false;
       }
-      by_parameters.col(j) = (moved - t->residual) / step;
+      by_parameters.col(j) = (moved - *residual) / step;
     }
     return true;
   }
 
   // The axes of a plain angle are any: the observed ray moves and they stay, orthogonal to it but for what is
   // small of the second order.
-  bool differentiate_plain_angle(int i, const Eigen::Vector3d& x, Term* t, Eigen::Matrix<double, 2, 3>* by_x,
-                                 BlockMap<2> by_parameters) const {
+  bool differentiate_plain_angle(int i, const Eigen::Vector3d& x, Eigen::Vector2d* residual,
+                                 Eigen::Matrix<double, 2, 3>* by_x, BlockMap<2> by_parameters) const {
     const ObservedRay& ray = problem_.rays[i];
-    if (!ray.residual(x, &t->residual, by_x)) return false;
+    if (!ray.residual(x, residual, by_x)) return false;
     const BundleObservation& o = problem_.observations[i];
     const double depth = ray.direction.dot(x - ray.origin);
     Ray present, moved;
-    if (!ray_in_rig(present_[o.camera].camera, o.pixel, &present)) return false;
-    for (const Placed& p : moved_[o.camera]) {
+    if (!ray_in_rig(present_[o.camera], o.pixel, &present)) return false;
+    for (const Moved& p : moved_[o.camera]) {
       if (!ray_in_rig(p.camera, o.pixel, &moved)) return false;
       const Eigen::Vector3d motion =
           moved.direction - present.direction + (moved.origin - present.origin) / depth;
@@ -226,7 +272,7 @@ class Measurement {
     }
     for (const int j : readouts_) {
       const double step = parameters_[j].step;
-      if (!ray_in_rig(present_[o.camera].camera, o.pixel + step * by_readout(i, j), &moved)) return false;
+      if (!ray_in_rig(present_[o.camera], o.pixel + step * by_readout(i, j), &moved)) return false;
       const Eigen::Vector3d motion =
           moved.direction - present.direction + (moved.origin - present.origin) / depth;
       by_parameters.col(j) = -ray.tangents * motion / step;
@@ -381,7 +427,7 @@ class Measurement {
   static constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
 
   int cluster_of_point(const BundleObservation& first) const {
-    const Camera& camera = present_[first.camera].camera;
+    const Camera& camera = present_[first.camera];
     const auto cell = [](double x, int size, int count) {
       return std::clamp(static_cast<int>(x / size * count), 0, count - 1);
     };
@@ -405,8 +451,9 @@ class Measurement {
   const int width_;
   BundleCore<6> core_;
   std::vector<int> pose_number_, point_number_;
-  std::vector<Placed> present_;
-  std::vector<std::vector<Placed>> moved_;            // by camera, by parameter that concerns it
+  std::vector<Eigen::Matrix3d> rotations_;  // of poses of the problem
+  std::vector<Camera> present_;
+  std::vector<std::vector<Moved>> moved_;             // by camera, by parameter that concerns it
   std::vector<int> readouts_;                         // parameters that are one
   std::vector<Camera> scanned_down_, scanned_right_;  // the cameras, each in a second
   std::vector<Term> terms_;

@@ -31,6 +31,8 @@ const BundleOptions kLocalAdjustment{.loss = kLoss, .max_iterations = 5, .min_re
 // next to nothing and would take hundreds of steps if these were damped. With 1e-7 a path of 700 m kept half
 // of a drift of its scale, with 1e-9 to 1e-13 none of it.
 constexpr double kLittleDamping = 1e-10;
+const BundleOptions kAdaptionStep{
+    .loss = kLoss, .max_iterations = 1, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kFirstAdaption{
     .loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kAdaption{
@@ -558,7 +560,7 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
     case Adaption::kThinned:
-      raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kFirstAdaption, kInlierError,
+      raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError,
                              kAdaptedPoints);
       break;
     case Adaption::kTwoSeries:

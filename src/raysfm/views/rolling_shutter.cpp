@@ -115,13 +115,12 @@ Eigen::Vector2f predict_scan_offset(const TrackingRig& rig, int camera, const Ei
 
 Eigen::Vector2d image_velocity(const TrackingRig& rig, int camera, const Eigen::Vector3d& point_in_rig,
                                const Velocity& velocity) {
-  constexpr double kStep = 1e-3;  // seconds
-  Eigen::Vector2d before, after;
-  if (!find_after(rig, camera, point_in_rig, velocity, -kStep, &before) ||
-      !find_after(rig, camera, point_in_rig, velocity, kStep, &after)) {
-    return Eigen::Vector2d::Zero();
-  }
-  return (after - before) / (2 * kStep);
+  const Rigid3& cam_from_rig = rig.cam_from_rig(camera);
+  const Eigen::Vector3d motion = velocity.tail<3>().cross(point_in_rig) + velocity.head<3>();
+  Eigen::Vector2d pixel;
+  Eigen::Matrix<double, 2, 3> jacobian;
+  if (!rig.find(camera, cam_from_rig * point_in_rig, &pixel, &jacobian)) return Eigen::Vector2d::Zero();
+  return jacobian * (cam_from_rig.rotation * motion);
 }
 
 }  // namespace raysfm
