@@ -560,8 +560,7 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   switch (how) {
     case Adaption::kThinned:
-      raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError,
-                             kAdaptedPoints);
+      raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
       break;
     case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
