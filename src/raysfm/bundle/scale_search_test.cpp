@@ -19,22 +19,22 @@ std::vector<Camera> back_to_back(double half_distance) {
 
 // The rig turns about all axes as it goes, or not at all; every point is seen by one of the cameras in each
 // pose, 5 m away.
-test::BundleScene make_scene(const std::vector<Camera>& cameras, double turn, double noise_px) {
-  constexpr int kPoses = 8, kPoints = 160;
+test::BundleScene make_scene(const std::vector<Camera>& cameras, double turn, double noise_px, int poses = 8,
+                             int points = 160) {
   Rng rng(4);
   test::BundleScene scene;
   scene.cameras = cameras;
-  for (int i = 0; i < kPoses; ++i) {
+  for (int i = 0; i < poses; ++i) {
     const Rigid3 world_from_rig{exp_so3(turn * i * Eigen::Vector3d(0.03, 0.05, -0.04)),
                                 Eigen::Vector3d(0.15 * i, 0.02 * i, 0.05 * i)};
     scene.true_poses.push_back(world_from_rig.inverse());
     scene.pose_is_free.push_back(i > 0);
   }
-  for (int p = 0; p < kPoints; ++p) {
+  for (int p = 0; p < points; ++p) {
     const int camera = p % 2;
     const Eigen::Vector3d in_cam(rng.uniform(-1.2, 1.2), rng.uniform(-0.9, 0.9), rng.uniform(4, 6));
     scene.true_points.push_back(cameras[camera].rig_from_cam * in_cam);
-    for (int i = 0; i < kPoses; ++i) {
+    for (int i = 0; i < poses; ++i) {
       Eigen::Vector2d pixel;
       if (!cameras[camera].project(
               cameras[camera].rig_from_cam.inverse() * (scene.true_poses[i] * scene.true_points[p]),
@@ -192,6 +192,22 @@ TEST(ScaleSearch, SaysSoWhereNothingTellsIt) {
     BundleAdjuster adjuster;
     const ScaleSearch found = search_scale(adjuster, scaled(scene, 1), {.max_iterations = 40});
     EXPECT_GT(found.sigma, 1.0 / 6) << half_distance << " " << turn;
+  }
+}
+
+// Errors of rotations that are next to none look like turns, which a long path has many of.
+TEST(ScaleSearch, APathWithoutATurnStaysAtItsScale) {
+  for (const int poses : {20, 40, 60}) {
+    for (const int points : {600, 2000}) {
+      test::BundleScene scene = make_scene(back_to_back(0.25), 0, 0.3, poses, points);
+      const BundleProblem problem = scaled(scene, 1);
+      const Eigen::Vector3d last = problem.rig_from_world.back().inverse().translation;
+      BundleAdjuster adjuster;
+      const ScaleSearch found = search_scale(adjuster, problem, {.max_iterations = 5});
+      EXPECT_NEAR(found.distance / problem.scale_prior.distance, 1, 0.5) << poses << " " << points;
+      EXPECT_GT(found.sigma, 1.0 / 6) << poses << " " << points;
+      EXPECT_LT((scene.poses.back().inverse().translation - last).norm(), 0.05) << poses << " " << points;
+    }
   }
 }
 
