@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -405,7 +406,7 @@ class Measurement {
     const int images = static_cast<int>(problem_.rig_from_world.size());
     LargeArray<double> clusters(static_cast<size_t>(width_) * (cluster_count() + images), 0.0);
     const auto part_of = [&](int cluster) { return rows<1>(clusters, cluster); };
-    std::vector<int> cluster_of(core_.layout().points.size(), -1);
+    const std::vector<int> cluster_of = clusters_of_points();
     Eigen::Matrix<double, Width, 1> padded = Eigen::VectorXd::Zero(width_);
     padded.head(step.size()) = step;
     Block<1> part(1, width_);
@@ -415,7 +416,6 @@ class Measurement {
       const BlockMap<2> effective = by_parameters(k);
       const Eigen::Vector2d residual = t.residual + effective * padded;
       part.noalias() = (t.weight * residual).transpose() * effective;
-      if (cluster_of[t.point] < 0) cluster_of[t.point] = cluster_of_point(o);
       part_of(cluster_of[t.point]) += part;
       part_of(cluster_count() + o.pose) += part;
     }
@@ -425,6 +425,18 @@ class Measurement {
   }
 
   static constexpr int kColumns = 6, kRows = 4, kPoses = 5;  // of a neighbourhood
+
+  // Terms run camera by camera, and the first observation of a point may be another one's.
+  std::vector<int> clusters_of_points() const {
+    std::vector<int> first(core_.layout().points.size(), std::numeric_limits<int>::max());
+    for (const Term& t : terms_) first[t.point] = std::min(first[t.point], t.observation);
+    std::vector<int> clusters;
+    for (const int i : first) {
+      const bool is_seen = i < std::numeric_limits<int>::max();
+      clusters.push_back(is_seen ? cluster_of_point(problem_.observations[i]) : -1);
+    }
+    return clusters;
+  }
 
   int cluster_of_point(const BundleObservation& first) const {
     const Camera& camera = present_[first.camera];

@@ -94,7 +94,7 @@ bool CalibrationRefiner::is_due(int world, const Map& map, bool last) const {
   return fresh >= (last ? kLeastStretch : std::max<int>(kFirst, std::lround((kGrowth - 1) * measured())));
 }
 
-// The longest tracks, of each key frame about as many, and which point each of them is.
+// The longest tracks, of each key frame about as many.
 void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
   point_of_track_.resize(map.tracks.size(), -1);
   tracks_.clear();
@@ -113,6 +113,7 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
       tracks_.push_back(by_length[i].second);
     }
   }
+  for (const int t : tracks_) point_of_track_[t] = -1;
 }
 
 void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of,
@@ -124,25 +125,30 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
   rays_.clear();
   sigmas_.clear();
   velocities_.clear();
-  choose_points(map, begin, end);
-  for (const int t : tracks_) points_.push_back(map.tracks[t].position);
+  const bool has_readout = parameters_.has_readout();
+  std::vector<Velocity> of_keyframe;
   for (int k = begin; k < end; ++k) {
-    const MapKeyFrame& keyframe = map.keyframes[k];
-    const Velocity velocity = parameters_.has_readout() ? velocity_of(k) : Velocity::Zero();
-    poses_.push_back(keyframe.rig_from_world);
+    if (has_readout) of_keyframe.push_back(velocity_of(k));
+    poses_.push_back(map.keyframes[k].rig_from_world);
     free_.push_back(k > begin);
-    for (int f = 0; f < keyframe.size(); ++f) {
-      const int point = keyframe.tracks[f] < 0 ? -1 : point_of_track_[keyframe.tracks[f]];
-      if (point < 0 || !keyframe.inliers[f]) continue;
-      const int camera = keyframe.cameras[f];
-      observations_.push_back({k - begin, point, camera, keyframe.instant_pixel(f).cast<double>()});
-      sigmas_.push_back(octave_side(keyframe.octaves[f]));
-      if (rig.angular()) rays_.push_back(keyframe.rays[f]);
-      if (!parameters_.has_readout()) continue;
-      velocities_.push_back(image_velocity(rig, camera, keyframe.rig_from_world * points_[point], velocity));
-    }
   }
-  for (const int t : tracks_) point_of_track_[t] = -1;
+  choose_points(map, begin, end);
+  for (const int t : tracks_) {
+    for (const TrackObservation& o : map.tracks[t].observations) {
+      const MapKeyFrame& k = map.keyframes[o.keyframe];
+      if (o.keyframe < begin || o.keyframe >= end || !k.inliers[o.feature]) continue;
+      observations_.push_back({o.keyframe - begin, static_cast<int>(points_.size()), k.cameras[o.feature],
+                               k.instant_pixel(o.feature).cast<double>()});
+      sigmas_.push_back(octave_side(k.octaves[o.feature]));
+      if (rig.angular()) rays_.push_back(k.rays[o.feature]);
+      if (has_readout) {
+        velocities_.push_back(image_velocity(rig, k.cameras[o.feature],
+                                             k.rig_from_world * map.tracks[t].position,
+                                             of_keyframe[o.keyframe - begin]));
+      }
+    }
+    points_.push_back(map.tracks[t].position);
+  }
   fits_.assign(observations_.size(), 1);
 }
 
