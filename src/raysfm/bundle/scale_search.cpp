@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "raysfm/bundle/scale_estimate.h"
@@ -13,11 +14,10 @@ constexpr double kHold = 1e4;  // weight of the prior: the distance stays where 
 constexpr int kMostRounds = 6;
 constexpr double kUnknown = 1;    // sigma beyond which no scale is better than another
 constexpr double kSettled = 0.1;  // of sigma: steps that small are not worth another adjustment
-
 // Another scale than that of the beginning is believed where it is near, in standard deviations of the
 // inverse of the scale, or where the logarithm of the odds is larger. A rig that does not turn tells no
-// scale, but errors of its rotations look like turns: over ten paths of 20 to 60 poses that made a scale of a
-// tenth likelier by up to 10. A rig that turns tells it by hundreds.
+// scale, but errors of its rotations look like turns: of twelve paths of 20 to 60 poses five made a scale of
+// a tenth and less likelier, by up to 10. A rig that turns tells it by hundreds.
 constexpr double kNear = 3, kSurely = 12;
 
 // A world that was adjusted at a scale.
@@ -67,14 +67,15 @@ ScaleSearch search_scale(BundleAdjuster& adjuster, const BundleProblem& problem,
   ScaleSearch result{held.scale_prior.distance, INFINITY};
   AdjustedWorld first, best;
   for (int round = 0; round < kMostRounds; ++round) {
-    const AdjustedWorld world(problem, adjuster.adjust(held, options), held.scale_prior.distance);
-    if (round == 0) first = best = world;
-    if (round > 0 && !world.fits_better_than(best)) {
+    AdjustedWorld world(problem, adjuster.adjust(held, options), held.scale_prior.distance);
+    if (round == 0) {
+      first = world;
+    } else if (!world.fits_better_than(best)) {
       result.distance = best.distance;
       best.restore(problem);
       break;
     }
-    best = world;
+    best = std::move(world);
     const std::optional<ScaleEstimate> found = estimate_scale(held, options);
     result.sigma = found ? found->sigma : INFINITY;
     result.distance = held.scale_prior.distance;

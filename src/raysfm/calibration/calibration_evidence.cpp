@@ -378,8 +378,10 @@ class Measurement {
     evidence.gradient = gradient.head(parameters_.size());
     evidence.information = information();
     evidence.observations = static_cast<int>(terms_.size());
-    evidence.scatter = scatter(best_step(evidence, false));
-    evidence.lens_scatter = readouts_.empty() ? evidence.scatter : scatter(best_step(evidence, true));
+    const std::vector<int> cluster_of = clusters_of_points();
+    evidence.scatter = scatter(best_step(evidence, false), cluster_of);
+    evidence.lens_scatter =
+        readouts_.empty() ? evidence.scatter : scatter(best_step(evidence, true), cluster_of);
     return evidence;
   }
 
@@ -402,11 +404,10 @@ class Measurement {
   // Errors go together in the points of a neighbourhood that were first seen at about the same time, and in
   // an image. What is left of them after a step, so that what a wrong calibration does to all alike is no
   // scatter.
-  Eigen::MatrixXd scatter(const Eigen::VectorXd& step) {
+  Eigen::MatrixXd scatter(const Eigen::VectorXd& step, const std::vector<int>& cluster_of) {
     const int images = static_cast<int>(problem_.rig_from_world.size());
     LargeArray<double> clusters(static_cast<size_t>(width_) * (cluster_count() + images), 0.0);
     const auto part_of = [&](int cluster) { return rows<1>(clusters, cluster); };
-    const std::vector<int> cluster_of = clusters_of_points();
     Eigen::Matrix<double, Width, 1> padded = Eigen::VectorXd::Zero(width_);
     padded.head(step.size()) = step;
     Block<1> part(1, width_);
