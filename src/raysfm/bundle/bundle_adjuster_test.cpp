@@ -243,6 +243,41 @@ TEST(BundleAdjuster, TwoStagesFindTheOutliersAndTakeBackInliers) {
   }
 }
 
+// Points with wrong observations next to right ones come to rest over many steps, poses do not: where each
+// has its own steps, poses are soon where they would be in the end.
+TEST(BundleAdjuster, PosesSettleBeforeTheLastPointsDo) {
+  const test::BundleSceneOptions options{.poses = 30, .free_poses = 28, .points = 3000, .point_error = 0.01};
+  const auto make_scene = [&] {
+    BundleScene scene = make_bundle_scene(options);
+    Rng rng(5);
+    for (BundleObservation& o : scene.observations) {
+      if (rng.uniform() < 0.1) o.pixel += test::random_vector(rng, 3 * options.noise_px).head<2>();
+    }
+    return scene;
+  };
+  BundleOptions in_the_end{.loss = {RobustLoss::Kind::kHuber, options.noise_px},
+                           .max_iterations = 300,
+                           .min_relative_decrease = 1e-12,
+                           .initial_damping = 1e-10};
+  BundleOptions in_time = in_the_end, settling = in_the_end;
+  in_time.min_relative_decrease = settling.min_relative_decrease = 1e-6;
+  settling.settled = 1;
+  BundleAdjuster adjuster;
+  BundleScene best = make_scene(), timely = make_scene(), settled = make_scene();
+  const double least = adjuster.adjust(best.problem(), in_the_end).final_cost;
+  const BundleSummary all = adjuster.adjust(timely.problem(), in_time);
+  const BundleSummary summary = adjuster.adjust(settled.problem(), settling);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_LT(2 * summary.iterations, all.iterations);
+  EXPECT_LT(summary.final_cost, (1 + 1e-4) * least);  // 5e-4 where points have no steps of their own
+  double left = 0, error = 0;
+  for (int i = 0; i < options.poses; ++i) {
+    left += (settled.poses[i].translation - best.poses[i].translation).squaredNorm();
+    error += (best.poses[i].translation - best.true_poses[i].translation).squaredNorm();
+  }
+  EXPECT_LT(std::sqrt(left), 0.1 * std::sqrt(error));
+}
+
 // With one standard deviation for all, its unit does not matter: powers of two do not even change the bits.
 TEST(BundleAdjuster, StandardDeviationsAreTheUnitOfResiduals) {
   for (const bool angular : {false, true}) {

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <utility>
 
+#include "raysfm/bundle/problem_part.h"
 #include "raysfm/bundle/residual.h"
 
 namespace raysfm {
@@ -12,6 +13,10 @@ namespace {
 
 constexpr int kChunk = 4;          // blocks of lanes
 constexpr int kPointChunk = 1024;  // points
+// A point that would lower the cost by this part of the variance of the residuals moves by itself; steps that
+// it then has at once.
+constexpr double kUnsettled = 0.01;
+constexpr int kSettlingSteps = 10;
 
 }  // namespace
 
@@ -27,6 +32,7 @@ template <int N>
 bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& options, Taking taking) {
   problem_ = problem;
   loss_ = options.loss;
+  settled_ = options.settled;
   if (!team_ || team_->threads() != options.threads) team_ = std::make_unique<WorkTeam>(options.threads);
   layout_.build(problem, taking);
   const size_t lanes = layout_.lanes.size();
@@ -85,7 +91,9 @@ template <int N>
 LmStep BundleCore<N>::solve(double damping) {
   if (is_used_up_) work(current_, true);
   is_used_up_ = true;
-  return system_.solve(damping, *team_);
+  LmStep step = system_.solve(damping, *team_);
+  if (settled_ > 0 && step.valid) find_unsettled(&step);
+  return step;
 }
 
 // The state that the step of the system leads to.
@@ -108,6 +116,7 @@ void BundleCore<N>::move(State& state) const {
 
 template <int N>
 LmTrial BundleCore<N>::evaluate(bool linearize) {
+  linearize = linearize && settled_ == 0;  // points will move once more
   move(trial_);
   trial_cost_ = work(trial_, linearize);
   if (!lost_.empty()) {
@@ -126,6 +135,42 @@ void BundleCore<N>::accept() {
   drop_lost();
   std::swap(current_, trial_);
   current_cost_ = trial_cost_;
+  if (settled_ > 0) settle_points();
+}
+
+// What the poses promise is what is left of the whole without what each point promises by itself.
+template <int N>
+void BundleCore<N>::find_unsettled(LmStep* step) {
+  const double variance = current_cost_ / std::max(1, active_count_);
+  is_unsettled_.assign(problem_.points.size(), 0);
+  double of_points = 0;
+  for (size_t p = 0; p < layout_.points.size(); ++p) {
+    const double decrease = system_.decrease_of_point(static_cast<int>(p));
+    of_points += decrease;
+    is_unsettled_[layout_.points[p]] = decrease > kUnsettled * variance;
+  }
+  step->settled = 2 * (step->decrease - of_points) <= settled_ * settled_ * variance;
+}
+
+template <int N>
+void BundleCore<N>::settle_points() {
+  all_held_.assign(problem_.rig_from_world.size(), 0);
+  BundleProblem now = problem_;
+  now.rig_from_world = current_.poses;
+  now.pose_is_free = all_held_;
+  now.lenses = current_.lenses;
+  now.points = current_.points;
+  now.scale_prior = {};
+  PartOfPoints moving(now, is_unsettled_, true);
+  if (moving.empty()) return;
+  if (!of_points_) of_points_ = std::make_unique<BundleCore>();
+  BundleOptions options;
+  options.loss = loss_;
+  options.threads = team_->threads();
+  if (!of_points_->load(moving.problem(), options)) return;
+  levenberg_marquardt(*of_points_, LmOptions{.max_iterations = kSettlingSteps});
+  of_points_->store();
+  moving.store();
 }
 
 template <int N>

@@ -77,10 +77,13 @@ class BundleCore {
   void collect_lost();
   void shorten_steps_of_lost();
   void drop_lost();
+  void find_unsettled(LmStep* step);
+  void settle_points();
   double cost_without_lost(const State& state);
 
   BundleProblem problem_;
   RobustLoss loss_;
+  double settled_ = 0;
   std::unique_ptr<WorkTeam> team_;
   ObservationLayout layout_;
   SchurSystem<N> system_;
@@ -92,6 +95,9 @@ class BundleCore {
   LargeArray<uint8_t> is_lost_;  // by lane: active, but without a residual in the last pass
   LargeArray<int> lost_;
   LargeArray<uint8_t> chunk_loses_;
+  LargeArray<uint8_t> is_unsettled_;  // by point of the problem: it moves by itself
+  LargeArray<uint8_t> all_held_;      // by pose of the problem
+  std::unique_ptr<BundleCore> of_points_;
   int active_count_ = 0, dropped_ = 0;
   double current_cost_ = 0, trial_cost_ = 0;
   bool is_used_up_ = false;  // the normal equations, by a solution

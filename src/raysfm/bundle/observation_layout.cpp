@@ -48,7 +48,8 @@ bool is_valid(const BundleProblem& problem, const BundleOptions& options) {
   const bool needs_scale = options.loss.kind != RobustLoss::Kind::kNone;
   if (needs_scale && !(options.loss.scale > 0 && std::isfinite(options.loss.scale))) return false;
   if (options.threads < 1) return false;
-  if (options.max_iterations < 1 || !(options.min_relative_decrease >= 0) || !(options.initial_damping > 0)) {
+  if (options.max_iterations < 1 || !(options.min_relative_decrease >= 0) || !(options.initial_damping > 0) ||
+      !(options.settled >= 0)) {
     return false;
   }
   for (const float sigma : problem.sigmas) {

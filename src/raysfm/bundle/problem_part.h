@@ -52,4 +52,28 @@ class ProblemPart {
   bool has_lenses_ = false;
 };
 
+// Points that were chosen, or those that were not, with what is seen of them: a problem of its own with the
+// poses of the whole.
+class PartOfPoints {
+ public:
+  // `is_chosen`: 1 for each point that is; those of which it is `chosen` are taken. `whole` stays where it
+  // is.
+  PartOfPoints(const BundleProblem& whole, std::span<const uint8_t> is_chosen, bool chosen);
+
+  bool empty() const { return points_.empty(); }
+  BundleProblem problem();
+
+  // Where they are now, and which observations fit, into the whole.
+  void store() const;
+
+ private:
+  BundleProblem whole_;
+  LargeArray<int> point_ids_, ids_;  // of points and observations in the whole
+  LargeArray<Eigen::Vector3d> points_;
+  LargeArray<uint8_t> point_is_fixed_, is_inlier_;
+  LargeArray<BundleObservation> observations_;
+  LargeArray<ObservedRay> rays_;
+  LargeArray<float> sigmas_;
+};
+
 }  // namespace raysfm

@@ -4,67 +4,13 @@
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/observation_layout.h"
-#include "raysfm/core/paged_memory.h"
+#include "raysfm/bundle/problem_part.h"
 
 namespace raysfm {
 namespace {
 
 // Of each series, when poses are held: nothing but a point's own observations holds it back.
 constexpr int kPointSteps = 1;
-
-// Points that were chosen, or those that were not, with what is seen of them: a problem of its own with the
-// poses of the whole.
-class PartOfPoints {
- public:
-  PartOfPoints(const BundleProblem& whole, std::span<const uint8_t> is_chosen, bool chosen) : whole_(whole) {
-    std::vector<int> number(whole.points.size(), -1);
-    for (size_t p = 0; p < whole.points.size(); ++p) {
-      if ((is_chosen[p] != 0) != chosen) continue;
-      number[p] = static_cast<int>(point_ids_.size());
-      point_ids_.push_back(static_cast<int>(p));
-      points_.push_back(whole.points[p]);
-      if (!whole.point_is_fixed.empty()) point_is_fixed_.push_back(whole.point_is_fixed[p]);
-    }
-    for (size_t i = 0; i < whole.observations.size(); ++i) {
-      BundleObservation o = whole.observations[i];
-      if (number[o.point] < 0) continue;
-      o.point = number[o.point];
-      ids_.push_back(static_cast<int>(i));
-      observations_.push_back(o);
-      is_inlier_.push_back(whole.uses(i));
-      if (!whole.rays.empty()) rays_.push_back(whole.rays[i]);
-      if (!whole.sigmas.empty()) sigmas_.push_back(whole.sigmas[i]);
-    }
-  }
-
-  bool empty() const { return points_.empty(); }
-
-  BundleProblem problem() {
-    BundleProblem part = whole_;  // poses are those of the whole
-    part.points = points_;
-    part.point_is_fixed = point_is_fixed_;
-    part.observations = observations_;
-    part.is_inlier = is_inlier_;
-    part.rays = rays_;
-    part.sigmas = sigmas_;
-    return part;
-  }
-
-  // Where they are now, and which observations fit.
-  void store() const {
-    for (size_t p = 0; p < point_ids_.size(); ++p) whole_.points[point_ids_[p]] = points_[p];
-    for (size_t i = 0; i < ids_.size(); ++i) whole_.is_inlier[ids_[i]] = is_inlier_[i];
-  }
-
- private:
-  BundleProblem whole_;
-  LargeArray<int> point_ids_, ids_;  // of points and observations in the whole
-  LargeArray<Eigen::Vector3d> points_;
-  LargeArray<uint8_t> point_is_fixed_, is_inlier_;
-  LargeArray<BundleObservation> observations_;
-  LargeArray<ObservedRay> rays_;
-  LargeArray<float> sigmas_;
-};
 
 // Points that were not chosen go with the first pose that sees them.
 void carry_points(const BundleProblem& problem, std::span<const uint8_t> is_chosen,

@@ -68,6 +68,7 @@ struct LmSummary {
 struct LmStep {
   bool valid = false;  // false: the damped system is not positive definite
   double decrease = 0;
+  bool settled = false;  // it is the last that is worth taking, whatever it promises
 };
 
 // Cost before and after a step, over the same set of observations; `after` is infinite for a step that must
@@ -134,7 +135,7 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
     // Heavily damped after a refusal, a step may be small without the bottom being near.
     const bool first_try = damping.is_first_try();
     const bool promises_little =
-        first_try && step.valid && step.decrease <= options.min_relative_decrease * cost;
+        first_try && step.valid && (step.settled || step.decrease <= options.min_relative_decrease * cost);
     if (promises_little && !options.try_last_step) {
       summary.termination = Termination::kConverged;
       break;
@@ -154,7 +155,8 @@ LmSummary levenberg_marquardt(Problem& problem, const LmOptions& options) {
     }
     // A refused step that promised little: at the bottom, as far as doubles can tell.
     const double decrease = trial.before - trial.after;
-    const bool gained_little = first_try && decrease <= options.min_relative_decrease * trial.before;
+    const bool gained_little =
+        first_try && (step.settled || decrease <= options.min_relative_decrease * trial.before);
     if (accepted ? gained_little : promises_little) {
       summary.termination = Termination::kConverged;
       break;

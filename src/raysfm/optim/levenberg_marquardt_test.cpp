@@ -63,6 +63,28 @@ TEST(LevenbergMarquardt, FindsTheBottomOfRosenbrock) {
   EXPECT_EQ(last, summary.final_cost);
 }
 
+// Says of its third step, and of those after it, that they settle it.
+struct Settling : Small {
+  int steps = 0;
+  LmStep solve(double lambda) {
+    LmStep step = Small::solve(lambda);
+    step.settled = ++steps >= 3;
+    return step;
+  }
+};
+
+TEST(LevenbergMarquardt, TheStepThatSettlesIsTheLast) {
+  Small all{rosenbrock, {-1.2, 1.0}};
+  levenberg_marquardt(all, {.max_iterations = 100});
+  Settling small{{rosenbrock, {-1.2, 1.0}}};
+  const LmSummary summary = levenberg_marquardt(small, {.max_iterations = 100});
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_GE(summary.iterations, 3);
+  EXPECT_LT(2 * small.costs.size(), all.costs.size());
+  EXPECT_EQ(summary.final_cost, small.costs.back());  // and it is taken
+  EXPECT_LT(small.costs.back(), summary.initial_cost);
+}
+
 TEST(LevenbergMarquardt, SaysWhyItStopped) {
   Small one{rosenbrock, {-1.2, 1.0}};
   EXPECT_EQ(levenberg_marquardt(one, {.max_iterations = 1}).termination, Termination::kMaxIterations);

@@ -281,6 +281,12 @@ double SchurSystem<N>::predicted_decrease(double damping) const {
 }
 
 template <int N>
+double SchurSystem<N>::decrease_of_point(int p) const {
+  const double* y = point_factor(p) + 6;
+  return 0.5 * (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
+}
+
+template <int N>
 void SchurSystem<N>::solve_reduced(std::span<double> b) {
   for (int i = 0; i < pose_count_; ++i) {
     std::copy_n(&b[N * static_cast<size_t>(i)], N, &right_[N * static_cast<size_t>(reduced_.position(i))]);

@@ -67,6 +67,8 @@ class SchurSystem {
   const double* pose_step(int i) const { return &pose_steps_[N * static_cast<size_t>(i)]; }
   const double* point_step(int p) const { return &point_steps_[3 * static_cast<size_t>(p)]; }
 
+  // After solve(): what a point alone would lower the cost by, all else held, by the quadratic model.
+  double decrease_of_point(int p) const;
   // After solve(): S^-1 b in place, N numbers by pose.
   void solve_reduced(std::span<double> b);
   // After solve(): L^-1 (6, lower by rows) of a point.

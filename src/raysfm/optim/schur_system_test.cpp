@@ -148,6 +148,17 @@ TEST(SchurSystem, IsTheDenseSolution) {
   }
 }
 
+TEST(SchurSystem, TellsWhatAPointGainsByItself) {
+  RandomBundle<6> bundle(12, 40, 6, 5);
+  ASSERT_TRUE(bundle.system.solve(1e-12, bundle.team).valid);
+  for (int p = 0; p < bundle.points; ++p) {
+    const Eigen::Matrix3d v = bundle.h.block<3, 3>(6 * bundle.poses + 3 * p, 6 * bundle.poses + 3 * p);
+    const Eigen::Vector3d g = bundle.g.segment<3>(6 * bundle.poses + 3 * p);
+    const double gain = 0.5 * g.dot(v.ldlt().solve(g));
+    EXPECT_NEAR(bundle.system.decrease_of_point(p), gain, 1e-8 * gain);
+  }
+}
+
 TEST(SchurSystem, PosesAloneAndPointsAlone) {
   RandomBundle<6> points_only(0, 20, 0, 3);
   expect_dense_solution(points_only, 1e-3);
