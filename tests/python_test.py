@@ -475,19 +475,15 @@ class Others(PythonTest):
                                                          "tracker.finish().write(sys.argv[2])\n")
 
         def faults(*command):
-            """The fewest of some runs: where the system puts the heap decides on how many of its pages are small ones."""
-            counts = []
-            for _ in range(3):
-                running = subprocess.Popen([*map(str, command)], env={**os.environ, "PYTHONPATH": PACKAGE},
-                                           stdout=subprocess.DEVNULL)
-                _, status, used = os.wait4(running.pid, 0)
-                running.returncode = os.waitstatus_to_exitcode(status)
-                self.assertEqual(running.returncode, 0)
-                counts.append(used.ru_minflt)
-            return min(counts)
+            running = subprocess.Popen([*map(str, command)], env={**os.environ, "PYTHONPATH": PACKAGE}, stdout=subprocess.DEVNULL)
+            _, status, used = os.wait4(running.pid, 0)
+            running.returncode = os.waitstatus_to_exitcode(status)
+            self.assertEqual(running.returncode, 0)
+            return used.ru_minflt
         programs = faults(program.PROGRAM, "track", kitchen, "--out", self.folder / "program", "--quiet")
         of_python = faults(sys.executable, "-c", "import sys")
-        self.assertLess(faults(sys.executable, "-c", code, kitchen, self.folder / "python") - of_python, 1.2 * programs)
+        # 1,300 to 2,100 of each, as up to 512 small pages lie before the first large one; 23,000 were it not kept.
+        self.assertLess(faults(sys.executable, "-c", code, kitchen, self.folder / "python") - of_python, 2 * programs)
 
     # numpy takes longer to load than the rest: who needs no array does not wait for it.
     def test_a_file_is_tracked_without_numpy(self):
