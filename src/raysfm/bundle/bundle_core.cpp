@@ -14,8 +14,9 @@ namespace {
 constexpr int kChunk = 4;          // blocks of lanes
 constexpr int kPointChunk = 1024;  // points
 // A point that would lower the cost by this part of the variance of the residuals moves by itself; steps that
-// it then has at once.
-constexpr double kUnsettled = 0.01;
+// it then has at once. Not before a step of the poses of at most so many standard deviations: with poses far
+// off, points would leave out what fits in the end.
+constexpr double kUnsettled = 0.01, kNear = 20;
 constexpr int kSettlingSteps = 10;
 
 }  // namespace
@@ -33,6 +34,7 @@ bool BundleCore<N>::load(const BundleProblem& problem, const BundleOptions& opti
   problem_ = problem;
   loss_ = options.loss;
   settled_ = options.settled;
+  settles_ = false;
   if (!team_ || team_->threads() != options.threads) team_ = std::make_unique<WorkTeam>(options.threads);
   layout_.build(problem, taking);
   const size_t lanes = layout_.lanes.size();
@@ -116,7 +118,7 @@ void BundleCore<N>::move(State& state) const {
 
 template <int N>
 LmTrial BundleCore<N>::evaluate(bool linearize) {
-  linearize = linearize && settled_ == 0;  // points will move once more
+  linearize = linearize && !settles_;  // points will move once more
   move(trial_);
   trial_cost_ = work(trial_, linearize);
   if (!lost_.empty()) {
@@ -135,7 +137,7 @@ void BundleCore<N>::accept() {
   drop_lost();
   std::swap(current_, trial_);
   current_cost_ = trial_cost_;
-  if (settled_ > 0) settle_points();
+  if (settles_) settle_points();
 }
 
 // What the poses promise is what is left of the whole without what each point promises by itself.
@@ -149,7 +151,9 @@ void BundleCore<N>::find_unsettled(LmStep* step) {
     of_points += decrease;
     is_unsettled_[layout_.points[p]] = decrease > kUnsettled * variance;
   }
-  step->settled = 2 * (step->decrease - of_points) <= settled_ * settled_ * variance;
+  const double length2 = 2 * (step->decrease - of_points) / variance;
+  step->settled = length2 <= settled_ * settled_;
+  settles_ = length2 <= kNear * kNear;
 }
 
 template <int N>

@@ -84,6 +84,7 @@ class BundleCore {
   BundleProblem problem_;
   RobustLoss loss_;
   double settled_ = 0;
+  bool settles_ = false;  // points come to rest after the present step
   std::unique_ptr<WorkTeam> team_;
   ObservationLayout layout_;
   SchurSystem<N> system_;
