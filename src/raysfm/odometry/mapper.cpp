@@ -577,9 +577,8 @@ void Mapper::adjust_to_noise(Map* map) {
   // Of the standard deviation: beyond it nothing counts, and 95 % of what least squares tell of pure noise
   // are left (the usual constant of the biweight).
   constexpr double kBiweight = 4.685, kLeastNoise = 0.01;
-  // Joint standard deviations of all poses. Of 3 and 1 a third of the steps of none, 0.018 and 0.017 m of
-  // 0.017 in a town of 537 key frames; without loops, where the scale along a path is all but free, the
-  // steps before such a one are still worth taking (kitti00-small: 0.51 % of the path instead of 0.15).
+  // Joint standard deviations of all poses. Only where loops hold the scale along a path: where it is all but
+  // free, small steps go on in one direction (kitti00-small: 0.51 % of the path instead of 0.15).
   constexpr double kSettled = 1;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
