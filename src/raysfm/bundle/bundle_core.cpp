@@ -14,8 +14,8 @@ namespace {
 constexpr int kChunk = 4;          // blocks of lanes
 constexpr int kPointChunk = 1024;  // points
 // A point that would lower the cost by this part of the variance of the residuals moves by itself; steps that
-// it then has at once. Not before a step of the poses of at most so many standard deviations: with poses far
-// off, points would leave out what fits in the end.
+// it then has at once. By a loss that redescends not before a step of the poses of at most so many standard
+// deviations: with poses far off, points would leave out what fits in the end.
 constexpr double kUnsettled = 0.01, kNear = 20;
 constexpr int kSettlingSteps = 10;
 
@@ -153,7 +153,7 @@ void BundleCore<N>::find_unsettled(LmStep* step) {
   }
   const double length2 = 2 * (step->decrease - of_points) / variance;
   step->settled = length2 <= settled_ * settled_;
-  settles_ = length2 <= kNear * kNear;
+  settles_ = !loss_.redescends() || length2 <= kNear * kNear;
 }
 
 template <int N>

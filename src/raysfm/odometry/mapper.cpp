@@ -41,6 +41,11 @@ const BundleOptions kFirstWholeAdaption{
     .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
+// Joint standard deviations of all poses, where small steps are those of points next to wrong matches. Only
+// where loops hold the scale along a path: where it is all but free, small steps go on in one direction
+// (kitti00-small ended at 0.51 % of the path in place of 0.15 after its last adjustment, at 0.32 after that to
+// the last calibration).
+constexpr double kSettled = 1;
 // Points in each key frame that tell its pose, where all of them would take long: of a large map, and of the
 // newest part that a calibration changes a little.
 constexpr int kThinnedPoints = 80, kAdaptedPoints = 300;
@@ -126,6 +131,11 @@ float reach_along_ray(const PointProjection* on_ray) {
     reach = std::max(reach, (on_ray[i].pixel - on_ray[0].pixel).norm());
   }
   return static_cast<float>(reach);
+}
+
+BundleOptions settling(BundleOptions options) {
+  options.settled = kSettled;
+  return options;
 }
 
 // Standard deviation of the residuals of inliers, from their median: that of the squared length of two normal
@@ -568,6 +578,10 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
     case Adaption::kToTheEnd:
       adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
       break;
+    case Adaption::kUntilSettled:
+      adjuster_.adjust_two_stage(problem, settling(kFirstWholeAdaption), settling(kWholeAdaption),
+                                 kInlierError);
+      break;
   }
   scatter(first, map);
   if (first == 0) release_scratch(*map);
@@ -577,15 +591,11 @@ void Mapper::adjust_to_noise(Map* map) {
   // Of the standard deviation: beyond it nothing counts, and 95 % of what least squares tell of pure noise
   // are left (the usual constant of the biweight).
   constexpr double kBiweight = 4.685, kLeastNoise = 0.01;
-  // Joint standard deviations of all poses. Only where loops hold the scale along a path: where it is all but
-  // free, small steps go on in one direction (kitti00-small: 0.51 % of the path instead of 0.15).
-  constexpr double kSettled = 1;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
   if (rig_.central()) problem.scale_prior = present_extent();
-  BundleOptions options = kWholeAdaption;
-  options.settled = kSettled;
+  BundleOptions options = settling(kWholeAdaption);
   options.loss = {RobustLoss::Kind::kTukey, kBiweight * std::max(kLeastNoise, noise_of(problem))};
   adjuster_.adjust(problem, options);
   update_inliers(problem, kInlierError);
@@ -635,7 +645,8 @@ void Mapper::measure_scale(ScaleEffort effort, Map* map) {
   if (rig_.central()) return;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
-  raysfm::measure_scale(kAdjustment, effort, window_problem(*map), adjuster_, map);
+  raysfm::measure_scale(effort == ScaleEffort::kUntilSettled ? settling(kAdjustment) : kAdjustment, effort,
+                        window_problem(*map), adjuster_, map);
   scatter(0, map);
   release_scratch(*map);
 }

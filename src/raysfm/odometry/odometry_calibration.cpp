@@ -53,9 +53,10 @@ void Odometry::refine_calibration(int number, bool last) {
 
 // Of a world that is another calibration's now.
 void Odometry::find_scale(int number) {
-  Map& map = segments_[number].map;
+  SegmentState& s = segments_[number];
+  Map& map = s.map;
   const double rescaled = map.rescaled;
-  mapper_.measure_scale(ScaleEffort::kFull, &map);
+  mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, &map);
   rescale_frames(number, map.rescaled / rescaled);
 }
 
@@ -75,7 +76,8 @@ void Odometry::adapt(int number, int first_keyframe, Adaption how) {
   SegmentState& s = segments_[number];
   const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
   correct_scans(number, first_keyframe);
-  adjust_from(number, first_keyframe, first_keyframe == 0 && is_long ? Adaption::kToTheEnd : how);
+  if (first_keyframe == 0 && is_long) how = s.closed ? Adaption::kUntilSettled : Adaption::kToTheEnd;
+  adjust_from(number, first_keyframe, how);
   for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
   if (first_keyframe == 0) s.calibration = calibration_;
 }

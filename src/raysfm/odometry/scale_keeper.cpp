@@ -61,7 +61,7 @@ void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProbl
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
   double ratio = found->ratio;
-  if (step < (effort == ScaleEffort::kFull ? kSmall : kLarge)) {
+  if (step < (effort == ScaleEffort::kQuick ? kLarge : kSmall)) {
     scale_world(ratio, center, problem.rig_from_world, problem.points);
   } else {
     const int last = static_cast<int>(problem.rig_from_world.size()) - 1;

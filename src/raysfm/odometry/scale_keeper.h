@@ -15,8 +15,9 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
 
 // How a measurement that tells another scale is followed.
 enum class ScaleEffort : uint8_t {
-  kFull,   // everything is adjusted along with it
-  kQuick,  // all but the largest steps are taken as they are: the rest has time
+  kFull,          // everything is adjusted along with it
+  kUntilSettled,  // the same, as far as poses are known: of a map that loops hold together
+  kQuick,         // all but the largest steps are taken as they are: the rest has time
 };
 
 // How a map that grows is measured: a large one quickly.

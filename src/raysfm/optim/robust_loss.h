@@ -12,6 +12,9 @@ struct RobustLoss {
   Kind kind = Kind::kNone;
   double scale = 1.0;
 
+  // Whether a residual draws less the larger it is: what a minimum leaves out depends on where it was sought.
+  bool redescends() const { return kind == Kind::kCauchy || kind == Kind::kTukey; }
+
   // rho(s), s >= 0.
   double cost(double squared_residual) const {
     const double s = squared_residual, a2 = scale * scale;
