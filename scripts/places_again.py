@@ -150,7 +150,7 @@ def write_table(path, made_by, lines):
         "Recipes of `scripts/recipes`, three seeds each: a world that is gone round once and a part of a second time. "
         "`drift` is how wrongly a frame of the second round lies to the frame of the first that was nearest to it and "
         "looked the same way: the median, metres; `before` with `--loops off`. ATE is the rmse after alignment by a "
-        "similarity, metres. A closure is false where its two frames lie wrongly to each other by more than 1 % of the "
+        "similarity, metres. A closure is false where its two frames lie wrongly to each other in the end by more than 1 % of the "
         "path; the terrace repeats itself every 10 m. The last column is the longest time of a frame, that of the closing or "
         "of a rig's search for its scale.", "",
         "| film | seed | posed | worlds | key frames | closures | false | drift before | after | ratio | ATE before | "

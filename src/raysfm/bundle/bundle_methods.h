@@ -5,6 +5,7 @@
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/bundle/local_bundle.h"
+#include "raysfm/bundle/scale_search.h"
 
 namespace raysfm {
 
@@ -47,5 +48,10 @@ std::vector<uint8_t> choose_points(const BundleProblem& problem, int per_pose);
 BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& problem,
                              const BundleOptions& first_options, const BundleOptions& second_options,
                              double inlier_threshold, int per_pose);
+
+// search_scale() in a part of the time: by the chosen points alone, which all others follow as above, at the
+// scale that was found. Which observations are inliers stays.
+ScaleSearch search_scale_thinned(BundleAdjuster& adjuster, const BundleProblem& problem,
+                                 const BundleOptions& options, int per_pose);
 
 }  // namespace raysfm

@@ -66,11 +66,11 @@ struct BundleOptions {
   int max_iterations = 10;  // of each run, at least 1
   double min_relative_decrease = 1e-6;
   double initial_damping = 1e-4;
-  // Above 0, after every step of the poses (by a loss that redescends: of poses that are near), the points that
-  // still move are brought to rest with the poses held, and it ends with a step of the poses that is, all in
-  // all, at most so many standard deviations long (of what the residuals tell of them). A robust loss has
-  // points next to wrong matches come to rest over dozens of steps while no pose moves any more. The final
-  // cost is that before the last steps of the points.
+  // Above 0, after every step of the poses (by a loss that redescends: of poses that are near), the points
+  // that still move are brought to rest with the poses held, and it ends with a step of the poses that is,
+  // all in all, at most so many standard deviations long (of what the residuals tell of them). A robust loss
+  // has points next to wrong matches come to rest over dozens of steps while no pose moves any more. The
+  // final cost is that before the last steps of the points.
   double settled = 0;
   int threads = 1;                 // at least 1; the result does not depend on it
   ProgressCallback progress = {};  // called after every linear solve; false: stop with what is reached

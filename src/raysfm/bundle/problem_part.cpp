@@ -102,6 +102,8 @@ PartOfPoints::PartOfPoints(const BundleProblem& whole, std::span<const uint8_t> 
     points_.push_back(whole.points[p]);
     if (!whole.point_is_fixed.empty()) point_is_fixed_.push_back(whole.point_is_fixed[p]);
   }
+  reserve(std::ranges::count_if(whole.observations,
+                                [&](const BundleObservation& o) { return number[o.point] >= 0; }));
   for (size_t i = 0; i < whole.observations.size(); ++i) {
     BundleObservation o = whole.observations[i];
     if (number[o.point] < 0) continue;
@@ -112,6 +114,15 @@ PartOfPoints::PartOfPoints(const BundleProblem& whole, std::span<const uint8_t> 
     if (!whole.rays.empty()) rays_.push_back(whole.rays[i]);
     if (!whole.sigmas.empty()) sigmas_.push_back(whole.sigmas[i]);
   }
+}
+
+// Arrays that grow by themselves are copied again and again.
+void PartOfPoints::reserve(size_t observations) {
+  ids_.reserve(observations);
+  observations_.reserve(observations);
+  is_inlier_.reserve(observations);
+  if (!whole_.rays.empty()) rays_.reserve(observations);
+  if (!whole_.sigmas.empty()) sigmas_.reserve(observations);
 }
 
 BundleProblem PartOfPoints::problem() {

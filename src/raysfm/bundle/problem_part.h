@@ -67,6 +67,8 @@ class PartOfPoints {
   void store() const;
 
  private:
+  void reserve(size_t observations);
+
   BundleProblem whole_;
   LargeArray<int> point_ids_, ids_;  // of points and observations in the whole
   LargeArray<Eigen::Vector3d> points_;

@@ -1,4 +1,4 @@
-// adjust_thinned(): a large problem in a part of the time.
+// A large problem in a part of the time.
 #include <algorithm>
 #include <numeric>
 
@@ -11,10 +11,12 @@ namespace {
 
 // Of each series, when poses are held: nothing but a point's own observations holds it back.
 constexpr int kPointSteps = 1;
+// The same, where the scale has changed by much.
+constexpr int kScaledPointSteps = 5;
 
-// Points that were not chosen go with the first pose that sees them.
+// Points that were not chosen go with the first pose that sees them, in a world so many times as large.
 void carry_points(const BundleProblem& problem, std::span<const uint8_t> is_chosen,
-                  std::span<const Rigid3> before) {
+                  std::span<const Rigid3> before, double scale) {
   std::vector<int> first(problem.points.size(), -1);
   for (size_t i = 0; i < problem.observations.size(); ++i) {
     const BundleObservation& o = problem.observations[i];
@@ -23,8 +25,26 @@ void carry_points(const BundleProblem& problem, std::span<const uint8_t> is_chos
   for (size_t p = 0; p < problem.points.size(); ++p) {
     const bool is_fixed = !problem.point_is_fixed.empty() && problem.point_is_fixed[p];
     if (is_chosen[p] || is_fixed || first[p] < 0) continue;
-    problem.points[p] = problem.rig_from_world[first[p]].inverse() * (before[first[p]] * problem.points[p]);
+    const Eigen::Vector3d in_rig = before[first[p]] * problem.points[p];
+    problem.points[p] = problem.rig_from_world[first[p]].inverse() * (scale * in_rig);
   }
+}
+
+std::vector<Rigid3> poses_of(const BundleProblem& problem) {
+  return {problem.rig_from_world.begin(), problem.rig_from_world.end()};
+}
+
+// Steps of the points of a problem with all its poses held: adjust(points, steps).
+template <typename Adjust>
+void adjust_points(PartOfPoints part, BundleOptions steps, Adjust adjust) {
+  if (part.empty()) return;
+  BundleProblem points = part.problem();
+  const std::vector<uint8_t> all_held(points.rig_from_world.size(), 0);
+  points.pose_is_free = all_held;
+  points.scale_prior = {};
+  steps.settled = 0;
+  adjust(points, steps);
+  part.store();
 }
 
 }  // namespace
@@ -61,7 +81,7 @@ BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& prob
   if (!is_valid(problem, first_options) || !is_valid(problem, second_options)) {
     return adjuster.adjust_two_stage(problem, first_options, second_options, inlier_threshold);
   }
-  const std::vector<Rigid3> before(problem.rig_from_world.begin(), problem.rig_from_world.end());
+  const std::vector<Rigid3> before = poses_of(problem);
   const std::vector<uint8_t> is_chosen = choose_points(problem, per_pose);
   BundleSummary summary;
   {
@@ -69,18 +89,33 @@ BundleSummary adjust_thinned(BundleAdjuster& adjuster, const BundleProblem& prob
     summary = adjuster.adjust_two_stage(chosen.problem(), first_options, second_options, inlier_threshold);
     chosen.store();
   }
-  carry_points(problem, is_chosen, before);
-  PartOfPoints others(problem, is_chosen, false);
-  if (others.empty()) return summary;
-  const std::vector<uint8_t> all_held(problem.rig_from_world.size(), 0);
-  BundleProblem points = others.problem();
-  points.pose_is_free = all_held;
-  points.scale_prior = {};
-  BundleOptions steps = second_options;
-  steps.max_iterations = kPointSteps;
-  adjuster.adjust_two_stage(points, steps, steps, inlier_threshold);
-  others.store();
+  carry_points(problem, is_chosen, before, 1);
+  BundleOptions point_steps = second_options;
+  point_steps.max_iterations = kPointSteps;
+  adjust_points({problem, is_chosen, false}, point_steps,
+                [&](const BundleProblem& points, const BundleOptions& steps) {
+                  adjuster.adjust_two_stage(points, steps, steps, inlier_threshold);
+                });
   return summary;
+}
+
+ScaleSearch search_scale_thinned(BundleAdjuster& adjuster, const BundleProblem& problem,
+                                 const BundleOptions& options, int per_pose) {
+  const std::vector<Rigid3> before = poses_of(problem);
+  const std::vector<uint8_t> is_chosen = choose_points(problem, per_pose);
+  ScaleSearch found;
+  {
+    PartOfPoints chosen(problem, is_chosen, true);
+    found = search_scale(adjuster, chosen.problem(), options);
+    chosen.store();
+  }
+  carry_points(problem, is_chosen, before, found.distance / problem.scale_prior.distance);
+  BundleOptions point_steps = options;
+  point_steps.max_iterations = kScaledPointSteps;
+  adjust_points(
+      {problem, is_chosen, false}, point_steps,
+      [&](const BundleProblem& points, const BundleOptions& steps) { adjuster.adjust(points, steps); });
+  return found;
 }
 
 }  // namespace raysfm

@@ -162,16 +162,17 @@ TEST_F(ChoiceTest, ComparesExplanationsByTheSameEvidence) {
   EXPECT_NE(found.values[kK1], 0);
 }
 
-// What looks like a readout along the longer side is more likely something else.
-TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
-  const auto finds = [](int width, int height, int readout, double standard_deviations) {
+// What looks like a readout along the longer side, or like a very short one, is more likely something else.
+TEST_F(ChoiceTest, AReadoutMustBeLikely) {
+  const auto finds = [](int width, int height, int readout, double standard_deviations,
+                        double seconds = 0.015) {
     Rig rig = pinhole_rig();
     rig.cameras[0].width = width, rig.cameras[0].height = height;
     const RigParameters unknowns(rig, 1, {.readout = 0.02});
     const int i = unknowns.size() - 2 + readout;
     Eigen::VectorXd truth = Eigen::VectorXd::Zero(unknowns.size());
     Eigen::VectorXd sigma = Eigen::VectorXd::Constant(unknowns.size(), INFINITY);
-    truth[i] = 0.015;
+    truth[i] = seconds;
     sigma[i] = truth[i] / standard_deviations / std::sqrt(2);  // beside the scatter of residuals
     CalibrationEvidence evidence = evidence_for(truth, sigma);
     evidence.lens_scatter = evidence.scatter;
@@ -185,6 +186,9 @@ TEST_F(ChoiceTest, AReadoutAlongTheLongerSideMustBeSurer) {
   EXPECT_TRUE(finds(480, 640, kRight, 6));
   EXPECT_TRUE(finds(480, 480, kDown, 6));
   EXPECT_TRUE(finds(480, 480, kRight, 6));
+  // Nor is there one of a sensor that is faster than any.
+  EXPECT_FALSE(finds(640, 480, kDown, 6, 0.0025));
+  EXPECT_TRUE(finds(640, 480, kDown, 6, 0.004));
 }
 
 // Of a lens that was known to 2 %, and a map that tells a readout and, to a part of `sigma`, another focal

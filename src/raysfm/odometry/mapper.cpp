@@ -43,8 +43,8 @@ const BundleOptions kWholeAdaption{
     .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
 // Joint standard deviations of all poses, where small steps are those of points next to wrong matches. Only
 // where loops hold the scale along a path: where it is all but free, small steps go on in one direction
-// (kitti00-small ended at 0.51 % of the path in place of 0.15 after its last adjustment, at 0.32 after that to
-// the last calibration).
+// (kitti00-small ended at 0.51 % of the path in place of 0.15 after its last adjustment, at 0.32 after that
+// to the last calibration).
 constexpr double kSettled = 1;
 // Points in each key frame that tell its pose, where all of them would take long: of a large map, and of the
 // newest part that a calibration changes a little.
@@ -608,7 +608,8 @@ void Mapper::adjust_thinned(Map* map) {
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
   if (rig_.central()) problem.scale_prior = present_extent();
-  raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kThinnedPoints);
+  raysfm::adjust_thinned(adjuster_, problem, settling(kFirstAdaption), settling(kAdaption), kInlierError,
+                         kThinnedPoints);
   scatter(0, map);
   release_scratch(*map);
 }

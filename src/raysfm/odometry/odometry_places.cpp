@@ -158,7 +158,7 @@ void Odometry::remember(int keyframe) {
   };
   std::optional<Meeting> meeting = places_.meet({active_, keyframe}, worlds, at_hand);
   if (meeting && meeting->there.world == active_) {
-    close(*meeting);
+    if (is_usual(*meeting, s.map) || places_.is_told_again(*meeting, worlds)) close(*meeting);
   } else if (meeting && places_.is_confirmed(*meeting, worlds)) {
     join(*meeting);
   } else if (!meeting && places_.has_end_outside(active_)) {

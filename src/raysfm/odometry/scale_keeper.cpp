@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/scale_estimate.h"
 #include "raysfm/bundle/scale_search.h"
 
@@ -24,6 +25,7 @@ constexpr double kSmall = 0.01;
 // Beyond it one linearisation is not believed, and a quick measurement searches too.
 constexpr double kLarge = 0.5;
 constexpr int kQuickSteps = 5;    // of each adjustment of a quick search
+constexpr int kQuickPoints = 80;  // of each key frame, by which it goes
 constexpr int kEvery = 2;         // key frames of a small map
 constexpr double kGrowth = 1.25;  // of a large one, from measurement to measurement
 // Key frames of a map that is no longer measured while it grows: what is told by then is told to a percent,
@@ -69,7 +71,9 @@ void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProbl
     problem.scale_prior = {last, 0, distance, kHold};
     BundleOptions steps = options;
     if (effort == ScaleEffort::kQuick) steps.max_iterations = kQuickSteps;
-    const ScaleSearch searched = search_scale(adjuster, problem, steps);
+    const ScaleSearch searched = effort == ScaleEffort::kQuick
+                                     ? search_scale_thinned(adjuster, problem, steps, kQuickPoints)
+                                     : search_scale(adjuster, problem, steps);
     ratio = searched.distance / distance;
     map->scale_sigma = stated(searched.sigma) < kTold ? stated(searched.sigma) : INFINITY;
   }

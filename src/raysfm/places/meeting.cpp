@@ -13,6 +13,8 @@ namespace {
 // What may have drifted on a path: a part of its length, radians, and the logarithm of the scale with every
 // key frame.
 constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.003;
+// Of the length of the path: what it usually drifts by at most.
+constexpr double kUsualDrift = 0.02;
 // Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
 // are only brought together.
 constexpr double kDisagreement = 2;
@@ -49,6 +51,21 @@ double disagreement(const Meeting& meeting, const TrackingRig& rig, const Map& m
     }
   }
   return median_of(&misfits);
+}
+
+// Of two key frames of one world: the length of the path between, and where the place has the later one, seen
+// from where it is.
+double path_between(const Meeting& meeting, const Map& map) {
+  const std::vector<MapKeyFrame>& keyframes = map.keyframes;
+  double path = 0;
+  for (int k = meeting.there.keyframe; k < meeting.here.keyframe; ++k) {
+    path += (keyframes[k].rig_from_world * keyframes[k + 1].rig_from_world.inverse()).translation.norm();
+  }
+  return path;
+}
+
+Rigid3 drift_of(const Meeting& meeting, const Map& map) {
+  return meeting.place.rig_from_world * map.keyframes[meeting.here.keyframe].rig_from_world.inverse();
 }
 
 // The better known scale is that of the joined world: where it is that of the second, the first goes there.
@@ -95,17 +112,16 @@ SeenAndShared seen_and_shared(const Map& map, int keyframe, int other) {
 }
 
 bool is_plausible(const Meeting& meeting, const Map& map) {
-  const std::vector<MapKeyFrame>& keyframes = map.keyframes;
-  const Rigid3& here = keyframes[meeting.here.keyframe].rig_from_world;
-  double path = 0;
-  for (int k = meeting.there.keyframe; k < meeting.here.keyframe; ++k) {
-    path += (keyframes[k].rig_from_world * keyframes[k + 1].rig_from_world.inverse()).translation.norm();
-  }
-  const Rigid3 drift = meeting.place.rig_from_world * here.inverse();
+  const Rigid3 drift = drift_of(meeting, map);
   const double scale_drift =
       kLeastScaleDrift + kScaleDrift * (meeting.here.keyframe - meeting.there.keyframe);
-  return drift.translation.norm() < kMostDrift * path && log_so3(drift.rotation).norm() < kMostTurn &&
+  return drift.translation.norm() < kMostDrift * path_between(meeting, map) &&
+         log_so3(drift.rotation).norm() < kMostTurn &&
          std::abs(std::log(meeting.relation.there_from_here.scale)) < scale_drift;
+}
+
+bool is_usual(const Meeting& meeting, const Map& map) {
+  return drift_of(meeting, map).translation.norm() < kUsualDrift * path_between(meeting, map);
 }
 
 bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& here) {

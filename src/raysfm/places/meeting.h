@@ -43,6 +43,10 @@ SeenAndShared seen_and_shared(const Map& map, int keyframe, int other);
 // Of two key frames of one world, the earlier one `there`: whether the path between may have drifted so far.
 bool is_plausible(const Meeting& meeting, const Map& map);
 
+// Whether it has drifted by no more than paths usually do. A street that repeats itself looks as if it had
+// drifted by more, however clearly.
+bool is_usual(const Meeting& meeting, const Map& map);
+
 // Whether two meetings of the same worlds tell the same; `here` is that of meeting.here.
 bool tell_the_same(const Meeting& meeting, const Meeting& before, const Map& here);
 

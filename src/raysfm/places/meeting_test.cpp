@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/places/place_memory.h"
 #include "support/true_map.h"
 
 namespace raysfm {
@@ -46,6 +47,38 @@ TEST(FitsTogether, OneOfAHundredMayBeOff) {
   EXPECT_TRUE(fits_together(m.rig, m.map));
   turn(m.rig, 3, &m.map.keyframes[51]);
   EXPECT_FALSE(fits_together(m.rig, m.map));
+}
+
+// A loop of 49 steps of a metre, at whose end the beginning is seen from so many metres beside.
+Meeting loop_that_drifted(double drift, Map* map) {
+  map->keyframes.resize(50);
+  for (int k = 0; k < 50; ++k) map->keyframes[k].rig_from_world.translation.z() = -k;
+  Meeting meeting;
+  meeting.here.keyframe = 49;
+  meeting.place.rig_from_world = map->keyframes[49].rig_from_world;
+  meeting.place.rig_from_world.translation.x() += drift;
+  return meeting;
+}
+
+TEST(Loops, AreUsualUpToAFiftiethOfTheirLength) {
+  Map map;
+  EXPECT_TRUE(is_usual(loop_that_drifted(0.9, &map), map));
+  const Meeting far = loop_that_drifted(1.1, &map);
+  EXPECT_FALSE(is_usual(far, map));
+  EXPECT_TRUE(is_plausible(far, map));
+}
+
+// What would be said once by a street that repeats itself: 3.1 m from there another house is like it.
+TEST(Loops, AreToldAgainByTheSameDrift) {
+  TrueMap m = true_map(PanelWorld(3), 4);
+  std::vector<Map*> worlds{&m.map};
+  PlaceMemory memory(m.rig, 1);
+  Meeting meeting;
+  meeting.here.keyframe = 3;
+  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
+  meeting.relation.there_from_here.translation.x() = 3.1;
+  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
+  EXPECT_TRUE(memory.is_told_again(meeting, worlds));
 }
 
 }  // namespace

@@ -153,7 +153,10 @@ std::optional<Meeting> PlaceMemory::meet_end(const PlaceRef& here, const Describ
 }
 
 bool PlaceMemory::is_confirmed(const Meeting& meeting, WorldMaps worlds) {
-  if (meeting.place.log10_false_alarms < kCertainPlace) return true;
+  return meeting.place.log10_false_alarms < kCertainPlace || is_told_again(meeting, worlds);
+}
+
+bool PlaceMemory::is_told_again(const Meeting& meeting, WorldMaps worlds) {
   const std::optional<Meeting> before = std::exchange(hearsay_, meeting);
   return before && tell_the_same(meeting, *before, *worlds[meeting.here.world]);
 }

@@ -68,6 +68,9 @@ class PlaceMemory {
   // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.
   bool is_confirmed(const Meeting& meeting, WorldMaps worlds);
 
+  // Whether what was met says the same as the last that was asked for.
+  bool is_told_again(const Meeting& meeting, WorldMaps worlds);
+
   // After join_worlds().
   void renumber(const JoinedWorlds& joined);
   // After fuse_points() in a world, which returned this.
