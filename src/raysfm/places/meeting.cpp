@@ -53,8 +53,7 @@ double disagreement(const Meeting& meeting, const TrackingRig& rig, const Map& m
   return median_of(&misfits);
 }
 
-// Of two key frames of one world: the length of the path between, and where the place has the later one, seen
-// from where it is.
+// Of two key frames of one world.
 double path_between(const Meeting& meeting, const Map& map) {
   const std::vector<MapKeyFrame>& keyframes = map.keyframes;
   double path = 0;
@@ -64,6 +63,7 @@ double path_between(const Meeting& meeting, const Map& map) {
   return path;
 }
 
+// Where the place has the key frame, seen from where it is.
 Rigid3 drift_of(const Meeting& meeting, const Map& map) {
   return meeting.place.rig_from_world * map.keyframes[meeting.here.keyframe].rig_from_world.inverse();
 }
