@@ -10,7 +10,8 @@ namespace raysfm {
 namespace {
 
 constexpr float kMinPoseZncc = 0.75f;
-constexpr int kMaxLocalPoints = 800;  // for one camera
+// For one camera: points to which key frames are added, and below which all that they bring are looked for.
+constexpr int kEnoughLocalPoints = 800, kMaxLocalPoints = 2 * kEnoughLocalPoints;
 // Standard deviations, which are pixels of the octave: inliers before the alignment, and after it.
 constexpr double kCornerError = 4.0, kAlignedError = 2.0;
 constexpr int kMinInliers = 20;
@@ -37,8 +38,8 @@ bool found_share(const Localisation& pose, double share) {
          pose.matched_with_anchor >= share * pose.visible_in_anchor;
 }
 
-int max_local_points(const TrackingRig& rig) {
-  return kMaxLocalPoints * (rig.size() + 1) / 2;
+int of_rig(const TrackingRig& rig, int points_of_camera) {
+  return points_of_camera * (rig.size() + 1) / 2;
 }
 
 // How many of a sample of key frame k's points the rig's cameras would see.
@@ -132,16 +133,16 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   const ReferencePatches patches(map, views, rig, anchor);
   std::vector<uint8_t> taken(map.tracks.size(), 0);
   for (const auto& [seen, k] : others) {
-    if (static_cast<int>(local.points.size()) >= max_local_points(rig)) break;
+    if (static_cast<int>(local.points.size()) >= of_rig(rig, kEnoughLocalPoints)) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
+      if (k != anchor && static_cast<int>(local.points.size()) + 1 >= of_rig(rig, kMaxLocalPoints)) break;
       const int track = keyframe.tracks[f];
       if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
       if (std::exchange(taken[track], 1)) continue;
       local.points.push_back(patches.choose({track, k, f, k == anchor}));
     }
   }
-  local.anchor_points = static_cast<int>(std::ranges::count_if(local.points, &LocalPoint::in_anchor));
   const auto source = [&](const LocalPoint& p) {
     return std::pair(p.keyframe, map.keyframes[p.keyframe].cameras[p.feature]);
   };
@@ -164,13 +165,13 @@ int keyframe_in_sight(const Map& map, std::span<const KeyFrameView> views, const
 void Localiser::predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
                         const View& view, const Rigid3& rig_from_world, float radius, int max_points) {
   queries_.clear();
-  const int step = std::max(1, static_cast<int>(local.points.size()) / max_points);
-  for (int c = 0; c < rig_.size(); ++c) predict_in(c, map, views, local, view, rig_from_world, radius, step);
+  step_ = std::max(1, static_cast<int>(local.points.size()) / max_points);
+  for (int c = 0; c < rig_.size(); ++c) predict_in(c, map, views, local, view, rig_from_world, radius);
 }
 
 void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameView> views,
                            const LocalMap& local, const View& view, const Rigid3& rig_from_world,
-                           float radius, int step) {
+                           float radius) {
   const Rigid3 cam_from_world = rig_.cam_from_rig(camera) * rig_from_world;
   const Eigen::Matrix3d cam_from_world_rotation = cam_from_world.rotation.toRotationMatrix();
   const Eigen::Matrix3d rig_from_world_rotation = rig_from_world.rotation.toRotationMatrix();
@@ -179,7 +180,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
   Eigen::Vector3d source_in_world = Eigen::Vector3d::Zero();
   Rigid3 cam_from_source;
   Eigen::Matrix3d cam_from_source_rotation = Eigen::Matrix3d::Identity();
-  for (size_t i = 0; i < local.points.size(); i += step) {
+  for (size_t i = 0; i < local.points.size(); i += step_) {
     const LocalPoint& p = local.points[i];
     if (p.keyframe != keyframe || views[keyframe].cameras[p.feature] != source) {
       keyframe = p.keyframe;
@@ -360,7 +361,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
                       const View& view, std::span<const PointMatch> found, Focus focus) {
   {
     ScopedTimer timer(align_timing);
-    predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
+    predict(map, views, local, view, estimate_.rig_from_world, 0, of_rig(rig_, kEnoughLocalPoints));
     align_queries(views, view, found);
     if (focus == Focus::kBlurred) align_blurred(views, view);
     seen_.clear();
@@ -397,7 +398,7 @@ bool Localiser::refine_estimate() {
 void Localiser::count(const LocalMap& local, bool aligned, Localisation* out) {
   constexpr uint8_t kVisible = 1, kMatched = 2;
   counted_.assign(local.points.size(), 0);
-  out->anchor_points = local.anchor_points;
+  for (size_t i = 0; i < local.points.size(); i += step_) out->anchor_points += local.points[i].in_anchor;
   for (const PatchQuery& q : queries_) {
     if (counted_[q.point] != 0) continue;
     counted_[q.point] = kVisible;

@@ -25,7 +25,6 @@ struct LocalPoint {
 struct LocalMap {
   int anchor = 0;  // the key frame
   std::vector<LocalPoint> points;
-  int anchor_points = 0;  // of them, those that the anchor sees
 };
 
 constexpr int kLocalReach = 10;  // other key frames whose points are looked for
@@ -81,7 +80,7 @@ struct Localisation {
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
   int visible = 0;                  // points of the local map that a camera of the frame should see
-  int anchor_points = 0;            // of the local map that the anchor sees
+  int anchor_points = 0;            // of what was looked for: points that the anchor sees
   int visible_in_anchor = 0;        // those of them that are visible
   int matched_with_anchor = 0;      // of these, those found again
   int blurred = 0;                  // of the matches: seen in coarser octaves alone
@@ -144,7 +143,7 @@ class Localiser {
   void predict(const Map& map, std::span<const KeyFrameView> views, const LocalMap& local, const View& view,
                const Rigid3& rig_from_world, float radius, int max_points);
   void predict_in(int camera, const Map& map, std::span<const KeyFrameView> views, const LocalMap& local,
-                  const View& view, const Rigid3& rig_from_world, float radius, int step);
+                  const View& view, const Rigid3& rig_from_world, float radius);
   void work_out_offsets(const Map& map, const Rigid3& about);
   void make_observations(const Map& map, const Rigid3& about);
   PoseObservations observations() const { return {points_, pixels_, cameras_, rays_, sigmas_}; }
@@ -171,6 +170,7 @@ class Localiser {
   GuidedMatcher matcher_;
   PoseEstimator estimator_;
   PoseEstimate estimate_;
+  int step_ = 1;  // every so manieth point of the local map is looked for
   std::vector<PatchQuery> queries_;
   std::vector<GuidedMatch> corners_;
   std::vector<Eigen::Vector2f> starts_;

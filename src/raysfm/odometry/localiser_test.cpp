@@ -75,6 +75,24 @@ TEST_F(LocaliserTest, FollowsAViewWithoutCorners) {
   EXPECT_FALSE(follow(5).ok) << "55 pixels off";
 }
 
+// Otherwise most of the anchor would seem out of sight, and the next view would become a key frame, and all
+// after it.
+TEST_F(LocaliserTest, OfALargeLocalMapThePointsThatAreLookedForCount) {
+  constexpr int kTimes = 4;
+  LocalMap large{.anchor = local_.anchor, .points = {}};
+  for (const LocalPoint& p : local_.points) large.points.insert(large.points.end(), kTimes, p);
+  ASSERT_GT(large.points.size(), 1600u);
+  const Rigid3 pose = true_pose(truth_.rig, 2.8);
+  const ViewPtr view = images_of(*film(world_, truth_.rig.camera(0), pose, 3));
+  const Localisation of_many = localiser_.follow(truth_.map, truth_.views, large, *view, pose);
+  const Localisation of_each = localiser_.follow(truth_.map, truth_.views, local_, *view, pose);
+  ASSERT_TRUE(of_many.ok && of_each.ok);
+  EXPECT_LT(of_many.visible, 1600);
+  const auto part_in_sight = [](const Localisation& l) { return double(l.visible_in_anchor) / l.anchor_points; };
+  EXPECT_GT(part_in_sight(of_each), 0.8);
+  EXPECT_NEAR(part_in_sight(of_many), part_in_sight(of_each), 0.01);
+}
+
 // A picture taken while the rig turned by `turn` in all, about `pose`.
 ViewPtr film_turning(const PanelWorld& world, const Camera& camera, const Rigid3& pose,
                      const Eigen::Vector3d& turn) {
@@ -396,6 +414,16 @@ TEST_F(LocalMapTest, PointsOfTheAnchorComeBeforeThoseOfOthersWhereThereAreTooMan
     EXPECT_TRUE(has_all(local, anchor)) << anchor;
     EXPECT_LT(local.points.size(), 12u * 300u) << "the work per frame must stay bounded";
   }
+}
+
+TEST_F(LocalMapTest, TakesNoMoreThanCanAllBeLookedFor) {
+  constexpr int kAllLookedFor = 1600;
+  add_keyframe(false, 0.1, 1200);
+  add_keyframe(false, 0.0, 790);
+  const LocalMap local = make(1, 10);
+  EXPECT_TRUE(has_all(local, 1));
+  EXPECT_LT(local.points.size(), kAllLookedFor);
+  EXPECT_GT(local.points.size(), kAllLookedFor - 10);
 }
 
 TEST_F(LocalMapTest, LeavesOutOutliersAndTracksWithoutAPosition) {

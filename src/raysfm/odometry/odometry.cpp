@@ -367,7 +367,7 @@ bool Odometry::has_moved_on(int frame, const Localisation& pose) const {
 }
 
 bool Odometry::needs_keyframe(const Localisation& pose) const {
-  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * local_.anchor_points);
+  const double enough = std::min<double>(options_.min_matches, kKeyFrameShare * pose.anchor_points);
   if (pose.matched_with_anchor < enough) return true;
   const Eigen::Matrix3d position =
       covariance_in_world(pose.rig_from_world, pose.covariance).topLeftCorner<3, 3>();

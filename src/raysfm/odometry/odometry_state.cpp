@@ -22,7 +22,7 @@ void archive_fields(A& a, LocalPoint& x) {
 
 template <typename A>
 void archive_fields(A& a, LocalMap& x) {
-  archive(a, x.anchor, x.points, x.anchor_points);
+  archive(a, x.anchor, x.points);
 }
 
 template <typename A>
