@@ -391,6 +391,12 @@ std::string motion_warning(const std::vector<OtherMotion>& seen) {
       100 * most.part, most.first, most.last, more);
 }
 
+std::string dropped_shutter_warning(bool is_dropped) {
+  return is_dropped ? "rows of the images are exposed in one order in a part of the footage and in the other "
+                      "in another, as where a part plays backwards: no rolling shutter is taken into account"
+                    : "";
+}
+
 // Of a main world that is the three views of its start, else empty: a map that is wrong seldom grows, and of
 // one that did not nothing says that it is right.
 std::string start_warning(const Reconstruction& r) {
@@ -498,6 +504,7 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
 // What a run tells beside its result.
 struct Aftermath {
   int shutter_found_at = -1;  // frame; -1: none was found
+  bool dropped_shutter = false;
   std::optional<SeenZoom> zoom;
   std::vector<LensDoubt> doubts;
 };
@@ -534,8 +541,10 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   TrackResult out;
   std::vector<std::string> warnings;
   warn(callbacks.event, motion_warning(tracker.other_motion()), &warnings);
+  warn(callbacks.event, dropped_shutter_warning(tracker.dropped_shutter()), &warnings);
   aftermath->zoom = tracker.lens_change();
   aftermath->shutter_found_at = tracker.shutter_found_at();
+  aftermath->dropped_shutter = tracker.dropped_shutter();
   if (sources->may_be_fisheye) {
     warn(callbacks.event, wide_lens_warning(tracker.rig().rig().cameras[0]), &warnings);
   }
@@ -564,19 +573,24 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
 }
 
 // Where a rolling shutter was found only after most of the frames: these were posed without it, and what is
-// between key frames never hears of it. The footage tracked again, with the readout that was found.
-std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const TrackCallbacks& callbacks,
-                                              const Sources& sources, int found_at,
+// between key frames never hears of it. Or where one that was found is none. The footage tracked again, with
+// the readout that is known now.
+std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const TrackCallbacks& callbacks,
+                                              const Sources& sources, const Aftermath& aftermath,
                                               const TrackResult& tracked) {
   const Reconstruction& first = tracked.reconstruction;
+  const int found_at = aftermath.shutter_found_at;
   const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
   const bool is_late = found_at >= 0 && 2 * found_at >= std::ssize(first.frames) &&
                        std::ranges::any_of(first.rig.cameras, scans);
   const bool can_be_read_again =
       sources.input.layout != "device" && given.map.empty() && given.save_map.empty();
-  if (!is_late || !can_be_read_again || callbacks.stopped()) return std::nullopt;
+  if (!(is_late || aftermath.dropped_shutter) || !can_be_read_again || callbacks.stopped())
+    return std::nullopt;
   tell(callbacks.event, Event::Level::kInfo,
-       fmt::format("a rolling shutter was found at frame {}: all is tracked again with it", found_at));
+       aftermath.dropped_shutter
+           ? "all is tracked again without a rolling shutter"
+           : fmt::format("a rolling shutter was found at frame {}: all is tracked again with it", found_at));
   // What a file says of a lens stands; what was found as if no shutter rolled does not.
   const Rig& rig = sources.lens_is_given() ? sources.rig : first.rig;
   FoundLens lens{rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
@@ -585,6 +599,7 @@ std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const 
     lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;
   TrackSettings settings = given;
   settings.checkpoint.clear();
+  if (aftermath.dropped_shutter) settings.rolling_shutter = "none";
   TrackCallbacks quiet;
   quiet.stop = callbacks.stop;
   Result<TrackResult> again = track(settings, quiet, nullptr, &lens);
@@ -595,6 +610,7 @@ std::optional<TrackResult> with_found_shutter(const TrackSettings& given, const 
   std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
                        [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });
   warn({}, unit_warning(again->reconstruction.rig, sources), &again->report.warnings);
+  warn({}, dropped_shutter_warning(aftermath.dropped_shutter), &again->report.warnings);
   auto& stages = again->report.stages;
   if (sources.find_ms > 0) stages.insert(stages.begin(), tracked.report.stages.front());
   return *std::move(again);
@@ -703,7 +719,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     auto better = with_own_lens(given, callbacks, *sources, aftermath.doubts, &*tracked);
     if (better) return with_costs(*std::move(better));
   }
-  if (auto again = with_found_shutter(given, callbacks, *sources, aftermath.shutter_found_at, *tracked))
+  if (auto again = with_known_shutter(given, callbacks, *sources, aftermath, *tracked))
     tracked = *std::move(again);
   const std::optional<SeenZoom>& change = aftermath.zoom;
   // A rolling shutter bends the images of a moving camera as a zoom does.

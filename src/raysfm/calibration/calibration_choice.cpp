@@ -246,11 +246,12 @@ CalibrationChoice choose_with_readout(const RigParameters& parameters, int reado
 
 // Rows and columns are not scanned at once. A readout that is not found is no unknown at all, so that lenses
 // of global shutters are found as if there were no others.
-CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence) {
+CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
+                                     bool may_scan) {
   CalibrationChoice best = choose_with_readout(parameters, -1, evidence);
   double most = 0;
   for (int i = 0; i < parameters.size(); ++i) {
-    if (!is_readout(parameters, i)) continue;
+    if (!may_scan || !is_readout(parameters, i)) continue;
     CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
     if (choice.significance[i] < least_significance(evidence.at[i] != 0)) continue;

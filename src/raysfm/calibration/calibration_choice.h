@@ -29,7 +29,9 @@ struct CalibrationChoice {
 // A focal length that is off by more than four standard deviations of its prior is another lens, of which the
 // prior says nothing: it is then ten times as wide. Likewise the aspect of images that were squeezed, with
 // one 25 times as wide.
-CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence);
+// `may_scan`: else there is no readout.
+CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
+                                     bool may_scan = true);
 
 // Whether the change is worth adapting everything to it; `was_changed`: the given calibration was changed
 // before.

@@ -28,6 +28,8 @@ constexpr double kDoubt = 5;  // of a calibration that is told to be refined
 constexpr double kFar = 0.2;  // effect of a change after which residuals are linearised anew
 // Logarithm of the ratio of two focal lengths, and standard deviations of it, that a lens has zoomed.
 constexpr double kZoom = 0.05, kSurelyZoomed = 8;
+// Standard deviations of a readout in a short stretch that speak of one.
+constexpr double kSurelyScanned = 4;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
 // Of each track the observations in key frames [begin, end) that see its point where it is.
@@ -48,7 +50,7 @@ CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, con
     : how_(how),
       parameters_(given, how == LensRefinement::kOn ? kDoubt : 1, prior),
       values_(Eigen::VectorXd::Zero(parameters_.size())) {
-  choice_ = choose_calibration(parameters_, CalibrationEvidence::nothing(values_));
+  choice_ = choose(CalibrationEvidence::nothing(values_));
 }
 
 CalibrationRefiner::CalibrationRefiner(const RefinedRig& present)
@@ -204,10 +206,14 @@ void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_
   }
 }
 
+CalibrationChoice CalibrationRefiner::choose(const CalibrationEvidence& evidence) const {
+  return choose_calibration(parameters_, evidence, !shutter_is_dropped_);
+}
+
 std::optional<Rig> CalibrationRefiner::better() {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
-  choice_ = choose_calibration(parameters_, all);
+  choice_ = choose(all);
   return is_worth_it(choice_, !values_.isZero()) ? chosen_rig() : std::nullopt;
 }
 
@@ -217,8 +223,7 @@ std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch
   CalibrationEvidence parts[2] = {CalibrationEvidence::nothing(values_),
                                   CalibrationEvidence::nothing(values_)};
   for (size_t s = 0; s < stretches.size(); ++s) parts[s >= split].add(stretches[s].evidence);
-  const CalibrationChoice before = choose_calibration(parameters_, parts[0]),
-                          after = choose_calibration(parameters_, parts[1]);
+  const CalibrationChoice before = choose(parts[0]), after = choose(parts[1]);
   std::optional<FocalChange> change;
   for (int i = 0; i < parameters_.size(); ++i) {
     if (parameters_[i].kind != RigParameters::Kind::kFocal || !before.is_told[i] || !after.is_told[i])
@@ -236,15 +241,41 @@ std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch
   return change;
 }
 
+// Of the key frames of a world before `end`.
+std::vector<CalibrationRefiner::Stretch> CalibrationRefiner::short_stretches(const TrackingRig& rig,
+                                                                             int world, const Map& map,
+                                                                             const VelocityOf& velocity_of,
+                                                                             int end) {
+  std::vector<Stretch> stretches;
+  for (int begin = 0; end - begin >= kLeastStretch; begin += kFirst)
+    stretches.push_back(measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kFirst, end)));
+  return stretches;
+}
+
+bool CalibrationRefiner::drops_shutter(const TrackingRig& rig, int world, const Map& map,
+                                       const VelocityOf& velocity_of) {
+  if (!parameters_.has_readout() || shutter_is_dropped_) return false;
+  std::vector<double> least(parameters_.size(), 0), most(parameters_.size(), 0);
+  for (const Stretch& s :
+       short_stretches(rig, world, map, velocity_of, static_cast<int>(map.keyframes.size()))) {
+    const CalibrationChoice choice = choose(s.evidence);
+    for (int i = 0; i < parameters_.size(); ++i) {
+      if (parameters_[i].kind != RigParameters::Kind::kReadout || choice.significance[i] < kSurelyScanned)
+        continue;
+      least[i] = std::min(least[i], choice.values[i]);
+      most[i] = std::max(most[i], choice.values[i]);
+    }
+  }
+  for (int i = 0; i < parameters_.size(); ++i) shutter_is_dropped_ |= least[i] < 0 && most[i] > 0;
+  return shutter_is_dropped_;
+}
+
 // The first stretch hides what changed within it: it is measured in short ones.
 std::optional<FocalChange> CalibrationRefiner::focal_change(const TrackingRig& rig, int world, const Map& map,
                                                             const VelocityOf& velocity_of) {
   if (how_ == LensRefinement::kOff || parameters_.size() == 0) return std::nullopt;
-  const int count = static_cast<int>(map.keyframes.size()), until = std::min(count, kLongest);
-  std::vector<Stretch> stretches;
-  for (int begin = 0; until - begin >= kLeastStretch; begin += kFirst)
-    stretches.push_back(
-        measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kFirst, until)));
+  const int count = static_cast<int>(map.keyframes.size());
+  std::vector<Stretch> stretches = short_stretches(rig, world, map, velocity_of, std::min(count, kLongest));
   std::ranges::copy_if(stretches_, std::back_inserter(stretches),
                        [&](const Stretch& s) { return s.world == world && s.begin >= kLongest; });
   std::ranges::sort(stretches, {}, &Stretch::end);
@@ -272,7 +303,7 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
                                                     const VelocityOf& velocity_of) {
   const CalibrationChoice before = choice_;
   measure(rig, world, map, {}, velocity_of);
-  choice_ = choose_calibration(parameters_, stretches_.back().evidence);
+  choice_ = choose(stretches_.back().evidence);
   for (int i = 0; i < parameters_.size(); ++i) {
     const bool is_readout = parameters_[i].kind == RigParameters::Kind::kReadout;
     if (is_readout && choice_.values[i] != 0 && is_worth_it(choice_)) return chosen_rig();

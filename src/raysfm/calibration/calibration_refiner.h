@@ -54,6 +54,12 @@ class CalibrationRefiner {
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
                                   const VelocityOf& velocity_of);
 
+  // Whether what was measured of a world says that rows are exposed in one order in a part of it and in the
+  // other in another, each beyond doubt: as where a part of a video plays backwards. No readout holds for
+  // both, and none is looked for any more.
+  bool drops_shutter(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+  bool dropped_shutter() const { return shutter_is_dropped_; }
+
   // A world is part of another now, or key frames moved to make room for it; or some are gone, which have the
   // number of the one before. What was measured with these stays.
   void renumber(int world, int into, std::span<const int> new_number_of_keyframe);
@@ -82,7 +88,8 @@ class CalibrationRefiner {
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.likeliest, choice_.significance,
-                    choice_.is_told, choice_.contradicts, choice_.effect, contradicts_, stretches_);
+                    choice_.is_told, choice_.contradicts, choice_.effect, contradicts_, shutter_is_dropped_,
+                    stretches_);
   }
 
  private:
@@ -106,6 +113,7 @@ class CalibrationRefiner {
     }
   };
 
+  CalibrationChoice choose(const CalibrationEvidence& evidence) const;
   int measured_until(int world) const;
   int first_open(int world) const;
   int measured() const;
@@ -117,6 +125,8 @@ class CalibrationRefiner {
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
   void choose_points(const Map& map, int begin, int end);
+  std::vector<Stretch> short_stretches(const TrackingRig& rig, int world, const Map& map,
+                                       const VelocityOf& velocity_of, int end);
   Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
                            int begin, int end);
 
@@ -125,6 +135,7 @@ class CalibrationRefiner {
   Eigen::VectorXd values_;
   CalibrationChoice choice_;  // of what was measured last
   bool contradicts_ = false;
+  bool shutter_is_dropped_ = false;
   std::vector<Stretch> stretches_;
 
   std::vector<Rigid3> poses_;

@@ -6,6 +6,7 @@
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/views/rolling_shutter.h"
 #include "support/synth_views.h"
 
 namespace raysfm {
@@ -97,7 +98,7 @@ TEST(CalibrationRefiner, AnExactCalibrationStays) {
 
 // A map as the camera would have it, of points about it that it turns round; corners with a noise.
 Map noisy_map(const TrackingRig& rig) {
-  constexpr int kKeyFrames = 24, kPoints = 400;
+  constexpr int kKeyFrames = 40, kPoints = 400;
   std::mt19937 random(3);
   std::uniform_real_distribution<double> place(-1, 1);
   std::normal_distribution<float> noise(0, 0.3f);
@@ -145,6 +146,53 @@ TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
   for (size_t i = 0; i < before.size(); ++i) {
     EXPECT_EQ(before[i].told, after[i].told) << before[i].name;
     EXPECT_NEAR(before[i].sigma, after[i].sigma, 0.1 * before[i].sigma) << before[i].name;
+  }
+}
+
+// As long as a key frame of noisy_map() passes in a second.
+Rigid3 turning_pose(double time) {
+  return {exp_so3({0.1 * std::sin(0.7 * time), 0.05 * time - 0.6, 0}), {0, 0, 5}};
+}
+
+Velocity turning_velocity(int keyframe) {
+  const TimedPose after{keyframe + 1e-3, turning_pose(keyframe + 1e-3)};
+  return velocity_at({double(keyframe), turning_pose(keyframe)}, std::span(&after, 1));
+}
+
+// What cameras that are read downwards in `down` of its key frames, and else upwards, see of it.
+Map scanned_map(int down) {
+  constexpr double kReadout = 0.2;  // seconds
+  Rig rolling{{small_camera()}};
+  rolling.cameras[0].shutter.readout = kReadout;
+  const TrackingRig downwards(rolling, ErrorMeasure::kPixel);
+  rolling.cameras[0].shutter.direction = RollingShutter::Direction::kUp;
+  const TrackingRig upwards(rolling, ErrorMeasure::kPixel);
+  Map map = noisy_map(downwards);
+  for (int k = 0; k < static_cast<int>(map.keyframes.size()); ++k) {
+    MapKeyFrame& keyframe = map.keyframes[k];
+    for (int f = 0; f < keyframe.size(); ++f) {
+      keyframe.pixels[f] +=
+          predict_scan_offset(k < down ? downwards : upwards, 0,
+                              keyframe.rig_from_world * map.tracks[keyframe.tracks[f]].position,
+                              turning_velocity(k), keyframe.pixels[f].cast<double>());
+    }
+  }
+  return map;
+}
+
+// Rows of a video that plays backwards are exposed in the other order.
+TEST(CalibrationRefiner, AReadoutThatTurnsRoundIsDropped) {
+  const Rig given{{small_camera()}};
+  const TrackingRig rig(given, ErrorMeasure::kPixel);
+  const int all = static_cast<int>(scanned_map(0).keyframes.size());
+  for (const int down : {all, all / 2}) {
+    const Map map = scanned_map(down);
+    CalibrationRefiner refiner(given, LensRefinement::kAuto, {.readout = 0.4});
+    EXPECT_EQ(refiner.drops_shutter(rig, 0, map, turning_velocity), down != all);
+    refiner.measure(rig, 0, map, {}, turning_velocity);
+    const std::optional<Rig> better = refiner.better();
+    const double readout = better ? better->cameras[0].shutter.readout : 0;
+    EXPECT_NEAR(readout, down == all ? 0.2 : 0, 0.02) << down << " of " << all;
   }
 }
 

@@ -115,6 +115,8 @@ class Odometry {
   // The newest frame when a rolling shutter was found that nobody told; -1: none was. Frames between key
   // frames keep what was known of it when they came.
   int shutter_found_at() const { return shutter_found_at_; }
+  // Whether one was found that contradicts itself, and is looked for no more.
+  bool dropped_shutter() const { return refiner_.dropped_shutter(); }
 
   // Frames of which a large part does not stand still in their world.
   std::vector<OtherMotion> other_motion() const { return motion_watch_.seen(); }

@@ -87,6 +87,9 @@ class Tracker {
   std::optional<SeenZoom> lens_change() { return odometry_.lens_change(); }
   // The newest frame when a rolling shutter was found that nobody told; -1: none was.
   int shutter_found_at() const { return odometry_.shutter_found_at(); }
+  // Whether one was found that is none: rows are exposed in one order in a part of the footage and in the
+  // other in another.
+  bool dropped_shutter() const { return odometry_.dropped_shutter(); }
   std::vector<OtherMotion> other_motion() const { return odometry_.other_motion(); }
   NewestView newest_view() const { return odometry_.newest_view(); }
   // Images of the newest key frames of the world that was tracked last, at most so many, oldest first:
