@@ -137,10 +137,11 @@ class Estimator {
     for (const double part : parts_of_step(variance)) step += part, squares += part * part;
     const int unknowns = 6 * core_.system().pose_count() + 3 * core_.system().point_count();
     const double sigma2 = 2 * cost / std::max(1, 2 * core_.used() - unknowns);
-    const double sigma = std::sqrt(std::max(sigma2 * variance, squares));
+    const double independent = sigma2 * variance;
+    const double sigma = std::sqrt(std::max(independent, squares));
     // Of the scale's inverse, in which all is nearly linear, a part `step` is too much.
     const double inverse = std::clamp(1 - step, 1 / kMostRatio, kMostInverse);
-    return {1 / inverse, sigma / inverse};
+    return {1 / inverse, sigma / inverse, std::max(1.0, squares / independent)};
   }
 
   BundleProblem problem_;

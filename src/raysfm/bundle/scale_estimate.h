@@ -11,6 +11,8 @@ struct ScaleEstimate {
   double ratio =
       1;  // of the scale of least cost to the present one, everything else adjusted; within [1/1000, 4]
   double sigma = 0;  // standard deviation of the logarithm of the former
+  double alike =
+      1;  // how many times the variance of independent errors it has, as those of a point are alike
 };
 
 // Holds the scale where it is: the present distance of the pose farthest from the first that is not free. No

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "raysfm/bundle/scale_estimate.h"
 #include "raysfm/camera/pixel_finder.h"
 #include "support/bundle_scene.h"
 
@@ -209,6 +210,38 @@ TEST(ScaleSearch, APathWithoutATurnStaysAtItsScale) {
       EXPECT_LT((scene.poses.back().inverse().translation - last).norm(), 0.05) << poses << " " << points;
     }
   }
+}
+
+// A long path with next to no turn. The patch of each point drifts by so much from pose to pose.
+test::BundleScene drifting_scene(double drift_px, uint64_t seed) {
+  constexpr int kPoses = 40;
+  test::BundleScene scene = make_scene(back_to_back(0.25), 0.02, 0, kPoses, 600);
+  Rng rng(seed);
+  std::vector<Eigen::Vector2d> drift;
+  for (size_t p = 0; p < scene.true_points.size(); ++p)
+    drift.push_back(drift_px * Eigen::Vector2d(rng.normal(), rng.normal()));
+  for (BundleObservation& o : scene.observations)
+    o.pixel += (o.pose - kPoses / 2) * drift[o.point] + 0.2 * Eigen::Vector2d(rng.normal(), rng.normal());
+  return scene;
+}
+
+TEST(ScaleSearch, AScaleFarOffIsNotBelievedForErrorsThatGoTogether) {
+  const auto alike_in = [](test::BundleScene scene) {
+    const BundleProblem problem = scaled(scene, 1);
+    BundleAdjuster adjuster;
+    adjuster.adjust(problem, {.max_iterations = 20});
+    const std::optional<ScaleEstimate> found = estimate_scale(problem, {});
+    return found ? found->alike : 0;
+  };
+  EXPECT_LT(alike_in(drifting_scene(0, 1)), 1.3);
+  EXPECT_GT(alike_in(drifting_scene(0.05, 1)), 8);
+  // Half the true scale, of which the odds are those of hundreds of independent errors.
+  test::BundleScene scene = drifting_scene(0.05, 1);
+  const BundleProblem problem = scaled(scene, 4);
+  BundleAdjuster adjuster;
+  const ScaleSearch found = search_scale(adjuster, problem, {.max_iterations = 20});
+  EXPECT_EQ(found.distance, problem.scale_prior.distance);
+  EXPECT_EQ(found.sigma, INFINITY);
 }
 
 // The prior alone decides where the observations say nothing, and nothing where they do.
