@@ -159,6 +159,16 @@ def true_rows(program, data, threads):
         yield f"| {name} | " + " | ".join(cells) + f" | {before:.3f} to {after:.3f} |"
 
 
+def by_true_poses(lines):
+    """Their section of the table, which is left out where there are none."""
+    return lines and [
+        "## What the lenses are by the true poses", "",
+        "Tracks of a run with the calibration kept, triangulated from the *true* poses of each sequence; focal length, principal "
+        "point and k1 are then the least squares of what is left. Errors of a track count as one. The poses of `kitti07-mono` "
+        "are those of a GPS and an inertial sensor: how that was mounted goes into the principal point.", "",
+        "| sequence | fx | cx | cy | k1 | rms, px |", "|---|---|---|---|---|---|", *lines, ""]
+
+
 def write_table(path, made_by, lines, true_lines, found_lines):
     path.write_text("\n".join([
         "# Calibrations that are off", "", made_by,
@@ -168,12 +178,8 @@ def write_table(path, made_by, lines, true_lines, found_lines):
         "as given.", "",
         "| sequence | wrong | kept: ATE % | refined: ATE % | refined numbers | not told |", "|---|---|---|---|---|---|",
         *lines, "",
-        "## What the lenses are by the true poses", "",
-        "Tracks of a run with the calibration kept, triangulated from the *true* poses of each sequence; focal length, principal "
-        "point and k1 are then the least squares of what is left. Errors of a track count as one. The poses of `kitti07-mono` "
-        "are those of a GPS and an inertial sensor: how that was mounted goes into the principal point.", "",
-        "| sequence | fx | cx | cy | k1 | rms, px |", "|---|---|---|---|---|---|", *true_lines, "",
+        *by_true_poses(true_lines),
         "## How sure found focal lengths are", "",
         "Without a camera file, from all images of a sequence and from parts of them. The last column is the distance from the focal length of the file in "
-        "standard deviations. What parts have in common and the file has not is the file's: see the table above for what the true poses say of it.", "",
+        "standard deviations. What parts have in common and the file has not is the file's: see above for what the true poses say of it.", "",
         "| sequence | images | f found, px | of the file | standard deviations |", "|---|---|---|---|---|", *found_lines, ""]))

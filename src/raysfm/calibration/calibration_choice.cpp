@@ -202,6 +202,10 @@ bool is_along_longer_side(const RigParameters& parameters, int readout) {
   return parameters[readout].index == 0 ? camera.height > camera.width : camera.width > camera.height;
 }
 
+bool is_upwards(const RigParameters& parameters, int readout, const CalibrationChoice& choice) {
+  return parameters[readout].index == 0 && choice.values[readout] < 0;
+}
+
 bool is_known_to_roll(const Rig& rig) {
   return std::ranges::any_of(rig.cameras, [](const Camera& camera) { return camera.shutter.readout > 0; });
 }
@@ -255,7 +259,9 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
     CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
     if (choice.significance[i] < least_significance(evidence.at[i] != 0)) continue;
-    if (choice.significance[i] < kSurely && is_along_longer_side(parameters, i)) continue;
+    const bool is_unusual =
+        is_along_longer_side(parameters, i) || (evidence.at[i] == 0 && is_upwards(parameters, i, choice));
+    if (choice.significance[i] < kSurely && is_unusual) continue;
     if (!is_known_to_roll(parameters.given()) && std::abs(choice.values[i]) < kFastestReadout) continue;
     most = choice.significance[i];
     best = std::move(choice);

@@ -162,7 +162,8 @@ TEST_F(ChoiceTest, ComparesExplanationsByTheSameEvidence) {
   EXPECT_NE(found.values[kK1], 0);
 }
 
-// What looks like a readout along the longer side, or like a very short one, is more likely something else.
+// What looks like a readout along the longer side, upwards, or like a very short one, is more likely
+// something else.
 TEST_F(ChoiceTest, AReadoutMustBeLikely) {
   const auto finds = [](int width, int height, int readout, double standard_deviations,
                         double seconds = 0.015) {
@@ -173,7 +174,7 @@ TEST_F(ChoiceTest, AReadoutMustBeLikely) {
     Eigen::VectorXd truth = Eigen::VectorXd::Zero(unknowns.size());
     Eigen::VectorXd sigma = Eigen::VectorXd::Constant(unknowns.size(), INFINITY);
     truth[i] = seconds;
-    sigma[i] = truth[i] / standard_deviations / std::sqrt(2);  // beside the scatter of residuals
+    sigma[i] = std::abs(seconds) / standard_deviations / std::sqrt(2);  // beside the scatter of residuals
     CalibrationEvidence evidence = evidence_for(truth, sigma);
     evidence.lens_scatter = evidence.scatter;
     return choose_calibration(unknowns, evidence).values[i] != 0;
@@ -186,6 +187,9 @@ TEST_F(ChoiceTest, AReadoutMustBeLikely) {
   EXPECT_TRUE(finds(480, 640, kRight, 6));
   EXPECT_TRUE(finds(480, 480, kDown, 6));
   EXPECT_TRUE(finds(480, 480, kRight, 6));
+  EXPECT_FALSE(finds(640, 480, kDown, 6, -0.015));
+  EXPECT_TRUE(finds(640, 480, kDown, 10, -0.015));
+  EXPECT_TRUE(finds(480, 640, kRight, 6, -0.015)) << "a phone held upright";
   // Nor is there one of a sensor that is faster than any.
   EXPECT_FALSE(finds(640, 480, kDown, 6, 0.0025));
   EXPECT_TRUE(finds(640, 480, kDown, 6, 0.004));

@@ -44,7 +44,7 @@ TEST(OdometryMemory, GrowsByTheMapAndThePosesOnly) {
   // other points are followed.
   constexpr double kObservation = 28, kPoint = 100, kFrame = 600 + (36.0 + 2 * 48) * 600 / 29;
   const SynthViews corridor = synth_views("corridor", "drive", 30);
-  const HeldMemory before = run_forth_and_back(corridor, 7), after = run_forth_and_back(corridor, 17);
+  const HeldMemory before = run_forth_and_back(corridor, 12), after = run_forth_and_back(corridor, 22);
   const Reconstruction &a = before.reconstruction, &b = after.reconstruction;
   ASSERT_EQ(a.segments.size(), 1u);
   ASSERT_EQ(b.segments.size(), 1u);
