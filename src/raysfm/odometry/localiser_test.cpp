@@ -88,7 +88,9 @@ TEST_F(LocaliserTest, OfALargeLocalMapThePointsThatAreLookedForCount) {
   const Localisation of_each = localiser_.follow(truth_.map, truth_.views, local_, *view, pose);
   ASSERT_TRUE(of_many.ok && of_each.ok);
   EXPECT_LT(of_many.visible, 1600);
-  const auto part_in_sight = [](const Localisation& l) { return double(l.visible_in_anchor) / l.anchor_points; };
+  const auto part_in_sight = [](const Localisation& l) {
+    return double(l.visible_in_anchor) / l.anchor_points;
+  };
   EXPECT_GT(part_in_sight(of_each), 0.8);
   EXPECT_NEAR(part_in_sight(of_many), part_in_sight(of_each), 0.01);
 }

@@ -174,6 +174,29 @@ TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
 
 INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(70));
 
+// Photos three times round a table, far from each other: what track is lost at is seen from the next.
+TEST(RealPhotos, EachIsPosed) {
+  constexpr const char* kPhotos = "bonsai-photos";
+  constexpr int kCount = 292;
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(kPhotos);
+  Result<Input> input = open_input({shared_data(kPhotos).string()}, {.mono = true});
+  ASSERT_TRUE(input && input->calibration);
+  OdometryOptions options;
+  options.seed = 3;
+  Odometry odometry(*input->calibration, options);
+  FrameSetReader reader(input->streams);
+  HarrisDetector detector;
+  for (int i = 0; i < kCount; ++i) {
+    const std::shared_ptr<View> view = next_view(reader, i);
+    ASSERT_TRUE(view);
+    detect(detector, {.max_features = 1500}, &view->cameras[0]);
+    odometry.process(view);
+  }
+  const Reconstruction r = odometry.finish(false);
+  EXPECT_EQ(r.segments.size(), 1u);
+  EXPECT_EQ(trajectory_of(r).timestamps.size(), static_cast<size_t>(kCount));
+}
+
 INSTANTIATE_TEST_SUITE_P(Real, RealSequenceTest,
                          testing::Values(RealSequence{"tsukuba-mono", 30, true, 1.0, 0.2},
                                          RealSequence{"kitti07-mono", 100, true, 0.42, 0.2, true},
