@@ -10,8 +10,7 @@ namespace raysfm {
 namespace {
 
 constexpr float kMinPoseZncc = 0.75f;
-// For one camera: points to which key frames are added, and below which all that they bring are looked for.
-constexpr int kEnoughLocalPoints = 800, kMaxLocalPoints = 2 * kEnoughLocalPoints;
+constexpr int kMaxLocalPoints = 800;  // for one camera
 // Standard deviations, which are pixels of the octave: inliers before the alignment, and after it.
 constexpr double kCornerError = 4.0, kAlignedError = 2.0;
 constexpr int kMinInliers = 20;
@@ -38,8 +37,8 @@ bool found_share(const Localisation& pose, double share) {
          pose.matched_with_anchor >= share * pose.visible_in_anchor;
 }
 
-int of_rig(const TrackingRig& rig, int points_of_camera) {
-  return points_of_camera * (rig.size() + 1) / 2;
+int max_local_points(const TrackingRig& rig) {
+  return kMaxLocalPoints * (rig.size() + 1) / 2;
 }
 
 // How many of a sample of key frame k's points the rig's cameras would see.
@@ -133,10 +132,9 @@ LocalMap make_local_map(const Map& map, std::span<const KeyFrameView> views, con
   const ReferencePatches patches(map, views, rig, anchor);
   std::vector<uint8_t> taken(map.tracks.size(), 0);
   for (const auto& [seen, k] : others) {
-    if (static_cast<int>(local.points.size()) >= of_rig(rig, kEnoughLocalPoints)) break;
+    if (static_cast<int>(local.points.size()) >= max_local_points(rig)) break;
     const MapKeyFrame& keyframe = map.keyframes[k];
     for (int f = 0; f < keyframe.size(); ++f) {
-      if (k != anchor && static_cast<int>(local.points.size()) + 1 >= of_rig(rig, kMaxLocalPoints)) break;
       const int track = keyframe.tracks[f];
       if (track < 0 || !keyframe.inliers[f] || !map.tracks[track].triangulated) continue;
       if (std::exchange(taken[track], 1)) continue;
@@ -361,7 +359,7 @@ bool Localiser::align(const Map& map, std::span<const KeyFrameView> views, const
                       const View& view, std::span<const PointMatch> found, Focus focus) {
   {
     ScopedTimer timer(align_timing);
-    predict(map, views, local, view, estimate_.rig_from_world, 0, of_rig(rig_, kEnoughLocalPoints));
+    predict(map, views, local, view, estimate_.rig_from_world, 0, max_local_points(rig_));
     align_queries(views, view, found);
     if (focus == Focus::kBlurred) align_blurred(views, view);
     seen_.clear();

@@ -418,16 +418,6 @@ TEST_F(LocalMapTest, PointsOfTheAnchorComeBeforeThoseOfOthersWhereThereAreTooMan
   }
 }
 
-TEST_F(LocalMapTest, TakesNoMoreThanCanAllBeLookedFor) {
-  constexpr int kAllLookedFor = 1600;
-  add_keyframe(false, 0.1, 1200);
-  add_keyframe(false, 0.0, 790);
-  const LocalMap local = make(1, 10);
-  EXPECT_TRUE(has_all(local, 1));
-  EXPECT_LT(local.points.size(), kAllLookedFor);
-  EXPECT_GT(local.points.size(), kAllLookedFor - 10);
-}
-
 TEST_F(LocalMapTest, LeavesOutOutliersAndTracksWithoutAPosition) {
   add_keyframe(false, 0.0, 100);
   add_keyframe(false, 0.1, 100);
