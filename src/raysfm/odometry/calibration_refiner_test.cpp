@@ -96,6 +96,11 @@ TEST(CalibrationRefiner, AnExactCalibrationStays) {
   for (const CalibrationNumber& n : run.result.calibration) EXPECT_EQ(n.given, n.refined) << n.name;
 }
 
+// Of noisy_map(), whose key frames are a second apart.
+Rigid3 turning_pose(double time) {
+  return {exp_so3({0.1 * std::sin(0.7 * time), 0.05 * time - 0.6, 0}), {0, 0, 5}};
+}
+
 // A map as the camera would have it, of points about it that it turns round; corners with a noise.
 Map noisy_map(const TrackingRig& rig) {
   constexpr int kKeyFrames = 40, kPoints = 400;
@@ -111,8 +116,7 @@ Map noisy_map(const TrackingRig& rig) {
   for (int k = 0; k < kKeyFrames; ++k) {
     MapKeyFrame& keyframe = map.keyframes.emplace_back();
     keyframe.frame = k;
-    const Eigen::Quaterniond turned = exp_so3({0.1 * std::sin(0.7 * k), 0.05 * k - 0.6, 0});
-    keyframe.rig_from_world = {turned, {0, 0, 5}};
+    keyframe.rig_from_world = turning_pose(k);
     for (int t = 0; t < kPoints; ++t) {
       Eigen::Vector2d pixel;
       if (!rig.see(0, keyframe.rig_from_world * map.tracks[t].position, &pixel)) continue;
@@ -147,11 +151,6 @@ TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
     EXPECT_EQ(before[i].told, after[i].told) << before[i].name;
     EXPECT_NEAR(before[i].sigma, after[i].sigma, 0.1 * before[i].sigma) << before[i].name;
   }
-}
-
-// As long as a key frame of noisy_map() passes in a second.
-Rigid3 turning_pose(double time) {
-  return {exp_so3({0.1 * std::sin(0.7 * time), 0.05 * time - 0.6, 0}), {0, 0, 5}};
 }
 
 Velocity turning_velocity(int keyframe) {
