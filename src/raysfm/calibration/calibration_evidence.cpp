@@ -21,6 +21,9 @@ namespace {
 // where it is next to nothing.
 constexpr double kHoldCentral = 1e4, kHold = 1;
 constexpr double kRounding = 1e-6;
+// Where a pose sees too few points to be told, or a part of the map hangs on too few of them, what is not
+// told is held.
+constexpr double kLeastDamping = 1e-8;
 constexpr int kFewUnknowns = 8;  // of one camera
 
 // Derivatives of residuals by the parameters, and how these move with poses and points: all by rows of
@@ -44,7 +47,7 @@ class Measurement {
     problem_.scale_prior = hold_present_scale(problem_, is_central ? kHoldCentral : kHold);
     if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return std::nullopt;
     core_.linearize();
-    if (!core_.solve(0).valid) return std::nullopt;
+    if (!core_.solve(0).valid && !core_.solve(kLeastDamping).valid) return std::nullopt;
     number_unknowns();
     place_cameras();
     differentiate();

@@ -187,6 +187,34 @@ TEST(CalibrationEvidence, NothingMovesNothingIsMeasured) {
   EXPECT_FALSE(measure_calibration(scene.problem(), kToTheEnd, parameters, zero));
 }
 
+// A pose that sees one point adds nothing, and takes nothing from what the others tell.
+TEST(CalibrationEvidence, APoseThatIsNotToldLeavesTheOthers) {
+  constexpr int kPose = 5;
+  BundleScene scene = turning_scene({test::pinhole_camera()});
+  const RigParameters parameters({{test::pinhole_camera()}});
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(parameters.size());
+  scene.cameras = parameters.rig(zero).cameras;
+  BundleAdjuster adjuster;
+  adjuster.adjust(scene.problem(), kToTheEnd);
+  int last = -1;
+  for (int i = 0; i < static_cast<int>(scene.observations.size()); ++i) {
+    if (scene.observations[i].pose != kPose) continue;
+    scene.is_inlier[i] = 0;
+    last = i;
+  }
+  ASSERT_GE(last, 0);
+  const auto without = measure_calibration(scene.problem(), kToTheEnd, parameters, zero);
+  ASSERT_TRUE(without);
+  scene.is_inlier[last] = 1;
+  const auto with_one = measure_calibration(scene.problem(), kToTheEnd, parameters, zero);
+  ASSERT_TRUE(with_one);
+  EXPECT_EQ(with_one->observations, without->observations + 1);
+  for (int i = 0; i < parameters.size(); ++i) {
+    EXPECT_NEAR(with_one->information(i, i) / without->information(i, i), 1, 1e-4) << parameters.name(i);
+    EXPECT_NEAR(with_one->gradient[i], without->gradient[i], 1e-3 * std::sqrt(without->information(i, i)));
+  }
+}
+
 // Wrong by k1 on purpose. Two linearisations find what the images were made with, and errors are about as
 // large as stated, which errs to the safe side: neighbours and images count as alike.
 TEST(CalibrationEvidence, FindsTheLensAndKnowsHowWell) {
