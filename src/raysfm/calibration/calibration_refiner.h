@@ -54,10 +54,10 @@ class CalibrationRefiner {
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
                                   const VelocityOf& velocity_of);
 
-  // Whether what was measured of a world says that rows are exposed in one order in a part of it and in the
-  // other in another, each beyond doubt: as where a part of a video plays backwards. No readout holds for
-  // both, and none is looked for any more.
-  bool drops_shutter(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+  // Drops the rolling shutter, and returns true, where what was measured of a world says that rows are
+  // exposed in one order in a part of it and in the other in another, each beyond doubt: as where a part of a
+  // video plays backwards. No readout holds for both, and none is looked for any more.
+  bool drop_turning_shutter(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
   bool dropped_shutter() const { return shutter_is_dropped_; }
 
   // A world is part of another now, or key frames moved to make room for it; or some are gone, which have the

@@ -187,7 +187,7 @@ TEST(CalibrationRefiner, AReadoutThatTurnsRoundIsDropped) {
   for (const int down : {all, all / 2}) {
     const Map map = scanned_map(down);
     CalibrationRefiner refiner(given, LensRefinement::kAuto, {.readout = 0.4});
-    EXPECT_EQ(refiner.drops_shutter(rig, 0, map, turning_velocity), down != all);
+    EXPECT_EQ(refiner.drop_turning_shutter(rig, 0, map, turning_velocity), down != all);
     refiner.measure(rig, 0, map, {}, turning_velocity);
     const std::optional<Rig> better = refiner.better();
     const double readout = better ? better->cameras[0].shutter.readout : 0;

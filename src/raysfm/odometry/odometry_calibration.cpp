@@ -28,7 +28,7 @@ void Odometry::refine_calibration(int number, bool last) {
     better = refiner_.find_shutter(rig_, number, s.map, velocity_of);
   } else {
     refiner_.measure(rig_, number, s.map, s.is_known, velocity_of);
-    if (rig_.scans()) refiner_.drops_shutter(rig_, number, s.map, velocity_of);
+    if (rig_.scans()) refiner_.drop_turning_shutter(rig_, number, s.map, velocity_of);
     better = refiner_.better();
   }
   // A large map has its newest part adapted while it grows, and goes on with that.
