@@ -16,6 +16,9 @@ constexpr float kMaxAreaRatio = 6.0f;
 constexpr double kRatherFiner = 0.1;
 // Mean square of a coordinate over an aligned patch of 11 x 11 pixels.
 constexpr double kPatchMoment = 10;
+// Pixels of the octave by which a patch may lie beside its middle: next to where a lens ends, or to the poles
+// of a panorama, it is no longer deformed as any that can be foretold.
+constexpr float kMostBent = 1.0f;
 
 // A patch of the given octave.
 bool nearly_rigid(const Eigen::Matrix2f& warp, int octave) {
@@ -53,19 +56,20 @@ void for_each_source(std::span<const KeyFrameView> views, std::span<const PatchQ
 
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query) {
+  const Eigen::Vector3d point = target_from_source * point_on_ray(keyframe, feature, distance);
   PointProjection seen;
-  seen.in_image = rig.see(target, target_from_source * point_on_ray(keyframe, feature, distance), &seen.pixel,
-                          &seen.jacobian);
-  return predict_patch(keyframe, feature, distance, target, target_from_source.rotation.toRotationMatrix(),
-                       seen, view, query);
+  seen.in_image = rig.see(target, point, &seen.pixel, &seen.jacobian);
+  return predict_patch(rig, keyframe, feature, distance, target,
+                       target_from_source.rotation.toRotationMatrix(), point, seen, view, query);
 }
 
-bool predict_patch(const KeyFrameView& keyframe, int feature, double distance, int target,
-                   const Eigen::Matrix3d& target_from_source, const PointProjection& seen,
-                   const CameraView& view, PatchQuery* query) {
+bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                   int target, const Eigen::Matrix3d& target_from_source, const Eigen::Vector3d& point,
+                   const PointProjection& seen, const CameraView& view, PatchQuery* query) {
   if (!seen.in_image) return false;
-  const Eigen::Matrix2d target_from_patch =
-      seen.jacobian * (target_from_source * keyframe.point_jacobians[feature].cast<double>()) * distance;
+  const Eigen::Matrix<double, 3, 2> surface = keyframe.point_jacobians[feature].cast<double>();
+  const Eigen::Matrix<double, 3, 2> surface_in_target = distance * (target_from_source * surface);
+  const Eigen::Matrix2d target_from_patch = seen.jacobian * surface_in_target;
   // In pixels of the patch's octave and of the target's.
   const double area = target_from_patch.determinant();
   if (!(area > 1e-6 && area < 1e6)) return false;
@@ -76,41 +80,21 @@ bool predict_patch(const KeyFrameView& keyframe, int feature, double distance, i
   if (!(in_octaves > 1.0 / kMaxAreaRatio && in_octaves < kMaxAreaRatio)) return false;
   query->camera = target;
   query->predicted = seen.pixel.cast<float>();
-  query->keyframe_from_target = octave_side(query->octave) * target_from_patch.inverse().cast<float>();
-  return true;
-}
-
-void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
-                const Rigid3& target_from_source, PatchQuery* query) {
-  query->bend.setZero();
-  if (rig.central()) return;
-  const Camera& camera = rig.camera(keyframe.cameras[query->feature]);
-  const Eigen::Vector2d pixel = keyframe.pixels[query->feature].cast<double>();
-  // Offsets of the patch that a circle of the target's octave comes from.
-  const Eigen::Matrix2d offsets = std::sqrt(kPatchMoment) * query->keyframe_from_target.cast<double>();
-  const Eigen::Matrix<double, 3, 2> surface = keyframe.point_jacobians[query->feature].cast<double>();
-  Eigen::Vector3d point = point_on_ray(keyframe, query->feature, distance);
-  const Eigen::Vector3d normal = surface.col(0).cross(surface.col(1));
-  if (Ray seen; rig.scans() && camera.ray(pixel, &seen)) {
-    // Where a shutter rolls the key frame's ray is not that of its pixel: the patch is bent about the latter.
-    point = seen.origin + normal.dot(point - seen.origin) / normal.dot(seen.direction) * seen.direction;
-  }
-  Eigen::Vector2d centre, bend = Eigen::Vector2d::Zero();
-  if (!rig.find(query->camera, target_from_source * point, &centre)) return;
-  for (const double side : {-1.0, 1.0}) {
-    for (int axis = 0; axis < 2; ++axis) {
-      Ray ray;
-      Eigen::Vector2d seen;
-      if (!camera.ray(pixel + side * offsets.col(axis), &ray)) return;
-      const double there = normal.dot(point - ray.origin) / normal.dot(ray.direction);
-      if (!(there > 0) ||
-          !rig.find(query->camera, target_from_source * (ray.origin + there * ray.direction), &seen)) {
-        return;
-      }
-      bend += 0.5 * (seen - centre);
-    }
-  }
-  query->bend = bend.cast<float>();
+  const Eigen::Matrix2d patch_from_target = target_from_patch.inverse();
+  query->keyframe_from_target = octave_side(query->octave) * patch_from_target.cast<float>();
+  // The way from pixel w of the patch to pixel A w + q(w, w) / 2 of the target, on a plane:
+  //   q(w, w) = A gamma_patch(w, w) - gamma_target(A w, A w) + 2 (receding . w) A w.
+  const Eigen::Vector3d towards = point - rig.curvature(target).centre();
+  const Eigen::Vector2d receding = surface.transpose() * keyframe.directions[feature].cast<double>() -
+                                   surface_in_target.transpose() * towards / towards.squaredNorm();
+  const Eigen::Vector2d bent =
+      target_from_patch * rig.curvature(keyframe.cameras[feature])
+                              .along(keyframe.pixels[feature].cast<double>(),
+                                     patch_from_target * patch_from_target.transpose()) -
+      rig.curvature(target).along(seen.pixel, Eigen::Matrix2d::Identity()) +
+      2 * patch_from_target.transpose() * receding;
+  query->bend = (std::ldexp(0.5 * kPatchMoment, 2 * query->octave) * bent).cast<float>();
+  return query->bend.norm() < kMostBent * octave_side(query->octave);
 }
 
 void coarsen(const Octaves& picture, int octaves, PatchQuery* query) {

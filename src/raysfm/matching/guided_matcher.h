@@ -19,30 +19,26 @@ struct PatchQuery {
   int octave = 0;                                       // of the other image, to look in
   // How the patch is deformed: pixels of the key frame as taken from those of the octave of the other image.
   Eigen::Matrix2f keyframe_from_target = Eigen::Matrix2f::Identity();
-  float radius = 0;                                // of the region of interest, pixels
-  Eigen::Vector2f bend = Eigen::Vector2f::Zero();  // see bend_patch()
+  float radius = 0;  // of the region of interest, pixels
+  // By how much the patch as a whole lies beside its centre in the other image, pixels of that, where lens
+  // and perspective deform it otherwise than linearly: the alignment finds it there.
+  Eigen::Vector2f bend = Eigen::Vector2f::Zero();
 };
 
 // Predicts where camera `target` sees the point at `distance` along the ray of a key frame's feature, and how
-// the patch around it is deformed, taking the surface to face the key frame; chooses the octave of `view`, of
-// the target camera, in which it looks most alike. `target_from_source` leads from the camera of the feature
-// at the key frame to the target. False where the target does not see it, or sees it at a scale too different
-// to be compared (beyond a factor of about 2.5 to the octaves that there are).
+// the patch around it is deformed, by the surface about it as far as that is known (see fit_surfaces());
+// chooses the octave of `view`, of the target camera, in which it looks most alike. `target_from_source`
+// leads from the camera of the feature at the key frame to the target. False where the target does not see
+// it, or sees it at a scale too different to be compared (beyond a factor of about 2.5 to the octaves that
+// there are), or bent.
 bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
                    int target, const Rigid3& target_from_source, const CameraView& view, PatchQuery* query);
 
-// The same of a point that may lie somewhat beside the ray, as the target sees it; of the source's place in
-// the target the rotation is enough.
-bool predict_patch(const KeyFrameView& keyframe, int feature, double distance, int target,
-                   const Eigen::Matrix3d& target_from_source, const PointProjection& seen,
-                   const CameraView& view, PatchQuery* query);
-
-// Fills the bend of a query that predict_patch() has just made: by how much the patch as a whole lies beside
-// its centre in the target, pixels, where lens and perspective deform it otherwise than linearly; the
-// alignment finds it there. Done where rays have different origins alone: a hundredth of a pixel that goes
-// with the turning of the rig is a tenth of its scale where the cameras are 3 cm apart.
-void bend_patch(const TrackingRig& rig, const KeyFrameView& keyframe, double distance,
-                const Rigid3& target_from_source, PatchQuery* query);
+// The same of a point that may lie somewhat beside the ray: `point` in the target's frame, as it sees it; of
+// the source's place in the target the rotation is enough.
+bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int feature, double distance,
+                   int target, const Eigen::Matrix3d& target_from_source, const Eigen::Vector3d& point,
+                   const PointProjection& seen, const CameraView& view, PatchQuery* query);
 
 // Makes a query that looks some octaves higher, as far as `picture`, of its camera, has them.
 void coarsen(const Octaves& picture, int octaves, PatchQuery* query);

@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "support/model_fixtures.h"
 #include "support/panel_world.h"
 
 namespace raysfm {
@@ -48,6 +53,62 @@ TEST(PredictPatch, WarpIsTheDerivativeOfTheTransfer) {
     numeric.col(c) = (transfer(center + step) - transfer(center - step)) / 0.02;
   }
   EXPECT_LT((numeric.inverse() - query.keyframe_from_target.cast<double>()).norm(), 1e-3);
+}
+
+// Where rays of a key frame that are a patch's standard deviation aside meet the surface that faces it, as
+// the target sees that, less where it sees the middle; the mean over both axes and sides. False where one is
+// not seen.
+bool mean_shift(const Camera& camera, const Eigen::Vector2d& pixel, double distance,
+                const Rigid3& target_from_keyframe, const Eigen::Matrix2d& offsets, Eigen::Vector2d* shift) {
+  Ray middle;
+  Eigen::Vector2d centre;
+  const PixelFinder finder(camera);
+  if (!camera.ray(pixel, &middle)) return false;
+  const Eigen::Vector3d point = middle.origin + distance * middle.direction;
+  if (!finder.find(target_from_keyframe * point, &centre)) return false;
+  shift->setZero();
+  for (int k = 0; k < 4; ++k) {
+    Ray ray;
+    Eigen::Vector2d seen;
+    if (!camera.ray(pixel + (k % 2 == 0 ? 1 : -1) * offsets.col(k / 2), &ray)) return false;
+    const double along = middle.direction.dot(point - ray.origin) / middle.direction.dot(ray.direction);
+    if (!finder.find(target_from_keyframe * (ray.origin + along * ray.direction), &seen)) return false;
+    if ((seen - centre).norm() > 100) return false;  // round the back of a panorama
+    *shift += (seen - centre) / 2;
+  }
+  return true;
+}
+
+template <typename Model>
+class BendOf : public testing::Test {};
+using Models = testing::Types<Radtan, KannalaBrandt, DoubleSphere, OCam, Equirectangular, Mirror>;
+TYPED_TEST_SUITE(BendOf, Models);
+
+TYPED_TEST(BendOf, IsHowFarAPatchLiesBesideItsMiddle) {
+  const Camera camera = testing_support::fixture_camera(testing_support::fixtures<TypeParam>()[0]);
+  const TrackingRig rig(Rig{{camera}});
+  Rng random(3);
+  std::vector<double> errors, bends;
+  for (int i = 0; i < 400; ++i) {
+    const Eigen::Vector2f pixel(random.uniform(20, 620), random.uniform(20, 460));
+    Ray ray;
+    if (!camera.ray(pixel.cast<double>(), &ray)) continue;
+    const KeyFrameView keyframe = one_feature(rig, pixel);
+    const Rigid3 target_from_keyframe{exp_so3({0.2, -0.15, 0.3}), {0.9, -0.4, -0.7}};
+    PatchQuery query;
+    if (!predict_patch(rig, keyframe, 0, 4.0, 0, target_from_keyframe, keyframe.camera_view(0), &query))
+      continue;
+    const Eigen::Matrix2d offsets = std::sqrt(10) * query.keyframe_from_target.cast<double>();
+    Eigen::Vector2d shift;
+    if (!mean_shift(camera, pixel.cast<double>(), 4.0, target_from_keyframe, offsets, &shift)) continue;
+    errors.push_back((query.bend.cast<double>() - shift).norm());
+    bends.push_back(shift.norm());
+  }
+  ASSERT_GT(errors.size(), 40u);
+  std::sort(errors.begin(), errors.end());
+  std::sort(bends.begin(), bends.end());
+  const size_t most = errors.size() * 9 / 10;
+  EXPECT_LT(errors[most], 0.1 * bends[most] + 0.002);
 }
 
 TEST(PredictPatch, RefusesWhatTheTargetDoesNotSee) {

@@ -176,7 +176,6 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
   int keyframe = -1, source = -1;
   Eigen::Matrix3d source_rotation = Eigen::Matrix3d::Identity();  // world_from_source, with the next
   Eigen::Vector3d source_in_world = Eigen::Vector3d::Zero();
-  Rigid3 cam_from_source;
   Eigen::Matrix3d cam_from_source_rotation = Eigen::Matrix3d::Identity();
   for (size_t i = 0; i < local.points.size(); i += step_) {
     const LocalPoint& p = local.points[i];
@@ -185,8 +184,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
       source = views[keyframe].cameras[p.feature];
       const Rigid3 world_from_source =
           (rig_.cam_from_rig(source) * map.keyframes[keyframe].rig_from_world).inverse();
-      cam_from_source = cam_from_world * world_from_source;
-      cam_from_source_rotation = cam_from_source.rotation.toRotationMatrix();
+      cam_from_source_rotation = (cam_from_world * world_from_source).rotation.toRotationMatrix();
       source_rotation = world_from_source.rotation.toRotationMatrix();
       source_in_world = world_from_source.translation;
     }
@@ -199,11 +197,11 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
                      .track = p.track,
                      .point = static_cast<int>(i),
                      .radius = radius};
+    const Eigen::Vector3d in_cam = cam_from_world_rotation * position + cam_from_world.translation;
     PointProjection seen;
-    seen.in_image = rig_.see(camera, cam_from_world_rotation * position + cam_from_world.translation,
-                             &seen.pixel, &seen.jacobian);
-    if (!predict_patch(views[keyframe], p.feature, distance, camera, cam_from_source_rotation, seen,
-                       view.cameras[camera], &query)) {
+    seen.in_image = rig_.see(camera, in_cam, &seen.pixel, &seen.jacobian);
+    if (!predict_patch(rig_, views[keyframe], p.feature, distance, camera, cam_from_source_rotation, in_cam,
+                       seen, view.cameras[camera], &query)) {
       continue;
     }
     if (rig_.scans()) {
@@ -211,7 +209,6 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
           predict_scan_offset(rig_, camera, rig_from_world_rotation * position + rig_from_world.translation,
                               velocity_, query.predicted.cast<double>());
     }
-    if (radius == 0) bend_patch(rig_, views[keyframe], distance, cam_from_source, &query);  // to be aligned
     queries_.push_back(query);
   }
 }

@@ -321,8 +321,8 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& vel
     const int f = followed_[i];
     const PointProjection* const on_ray = &seen_on_rays_[kOnRay.size() * i];
     PatchQuery query{.keyframe = anchor, .feature = f, .track = from.tracks[f]};
-    if (!predict_patch(views[anchor], f, prior.at(from.pixels[f]), camera, rotation, *on_ray,
-                       view.cameras[camera], &query)) {
+    if (!predict_patch(rig_, views[anchor], f, prior.at(from.pixels[f]), camera, rotation,
+                       on_rays_[kOnRay.size() * i], *on_ray, view.cameras[camera], &query)) {
       continue;
     }
     if (rig_.scans()) {
@@ -339,8 +339,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& vel
   std::vector<PatchQuery> matched;
   starts_.clear();
   for (const GuidedMatch& m : matches_) {
-    PatchQuery& query = matched.emplace_back(queries_[m.query]);
-    bend_patch(rig_, views[anchor], prior.at(from.pixels[query.feature]), target_from_anchor, &query);
+    matched.push_back(queries_[m.query]);
     starts_.push_back(m.pixel);
   }
   matcher_.align(views, matched, starts_, view, {}, &alignments_);

@@ -24,7 +24,7 @@ struct Departures {
   bool earlier = true;    // views before those of a start become key frames too
   bool keyframes = true;  // a key frame is due once the camera has moved, beside the rules of 2.4
   bool parallax = true;   // points of little parallax wait for more of it
-  bool surfaces = true;   // patches before rigs are deformed as the surfaces about them lie
+  bool surfaces = true;   // patches are deformed as the surfaces about them lie
   bool turning = true;    // what only turns where nothing is known keeps its orientation
 };
 

@@ -474,7 +474,7 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   }
   start->views = std::move(completed);
   mapper.adjust_globally(&map);
-  if (!rig_.central() && options_.departures.surfaces) refine_on_surfaces(views, start, mapper);
+  if (options_.departures.surfaces) refine_on_surfaces(views, start, mapper);
 }
 
 // Once more, now that many points tell which way the surfaces face.
@@ -516,7 +516,6 @@ void Starter::refine_pixels(const std::array<ViewPtr, 3>& views, Start* start) {
                          views[v]->cameras[camera], &query)) {
         continue;
       }
-      bend_patch(rig_, source, distance, target_from_first, &query);
       queries.push_back(query);
       starts.push_back(keyframe.pixels[f]);
     }

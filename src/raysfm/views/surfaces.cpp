@@ -11,6 +11,7 @@ namespace {
 // Part of the image's width, and neighbours at most. 0.05 to 0.1 and 6 to 16 do about as well.
 constexpr float kNeighbourhood = 0.06f;
 constexpr int kMostNeighbours = 10;
+constexpr float kFirstLook = 0.4f;  // part of the neighbourhood, which changes no result
 // Relative, of inverse depths: by how much points of one surface are off its plane. Tried from 0.02 to 0.15;
 // the scale of a mirror camera is best up to 0.05.
 constexpr double kOffPlane = 0.04;
@@ -61,11 +62,9 @@ class SurfaceFit {
 
  private:
   void collect(int point, const Ray& ray, const Eigen::Matrix<double, 2, 3>& tangents) {
-    near_.clear();
-    const Eigen::Vector2f pixel = seen_.pixels[point];
-    seen_.grid.for_each_in(pixel, radius_, [&](int j) {
-      if (j != point) near_.push_back({(seen_.pixels[j] - pixel).squaredNorm(), j});
-    });
+    // Mostly there are more than enough near by.
+    look_within(kFirstLook * radius_, point);
+    if (near_.size() < kMostNeighbours) look_within(radius_, point);
     const size_t count = std::min<size_t>(near_.size(), kMostNeighbours);
     std::partial_sort(near_.begin(), near_.begin() + static_cast<ptrdiff_t>(count), near_.end());
     neighbours_.clear();
@@ -75,6 +74,14 @@ class SurfaceFit {
       const double along = ray.direction.dot(offset);
       if (along > kNearest * depth) neighbours_.push_back({tangents * offset / along, depth / along - 1});
     }
+  }
+
+  void look_within(float radius, int point) {
+    near_.clear();
+    const Eigen::Vector2f pixel = seen_.pixels[point];
+    seen_.grid.for_each_in(pixel, radius, [&](int j) {
+      if (j != point) near_.push_back({(seen_.pixels[j] - pixel).squaredNorm(), j});
+    });
   }
 
   // nearer = slope . place on the plane, by least squares that neighbours on other surfaces hardly enter.
@@ -104,7 +111,6 @@ class SurfaceFit {
 }  // namespace
 
 void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, KeyFrameView* view) {
-  if (rig.central()) return;
   for (int c = 0; c < rig.size(); ++c) {
     const SeenPoints seen(rig, map, map.keyframes[keyframe], c);
     SurfaceFit fit(seen, kNeighbourhood * static_cast<float>(rig.camera(c).width));

@@ -8,9 +8,8 @@ namespace raysfm {
 
 // Lays a plane through the point of each feature of a key frame and the points seen about it, and turns the
 // feature's surface into it (KeyFrameView::point_jacobians). What has no position, or no neighbours, faces
-// the camera as before. Does nothing for central rigs: floors and walls beside a wide camera are seen at a
-// slant, and patches deformed as if they faced it are found beside their place, to a side that goes with the
-// scale; without a scale to tell, that hardly matters.
+// the camera as before. Floors and walls beside a wide camera are seen at a slant, and patches deformed as if
+// they faced it are found beside their place, to a side that goes with the scale and with the lens.
 void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, KeyFrameView* view);
 
 }  // namespace raysfm

@@ -69,6 +69,7 @@ TrackingRig::TrackingRig(Rig rig, ErrorMeasure measure) : rig_(std::move(rig)) {
     cam_from_rig_.push_back(camera.rig_from_cam.inverse());
     pixels_per_radian_.push_back(camera.pixels_per_radian());
     finders_.emplace_back(camera);
+    curvatures_.emplace_back(camera);
   }
   for (int a = 0; a < size(); ++a) {
     for (int b = 0; b < size(); ++b) {

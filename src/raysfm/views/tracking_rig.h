@@ -6,6 +6,7 @@
 
 #include "raysfm/camera/camera.h"
 #include "raysfm/camera/observed_ray.h"
+#include "raysfm/camera/pixel_curvature.h"
 #include "raysfm/camera/pixel_finder.h"
 
 namespace raysfm {
@@ -56,6 +57,8 @@ class TrackingRig {
   // The same of many points, several at once where the camera projects.
   void see(int c, std::span<const Eigen::Vector3d> points_in_cam, std::vector<PointProjection>* seen) const;
 
+  const PixelCurvature& curvature(int c) const { return curvatures_[c]; }
+
   // Residuals are angular (LBA09 3.2); else they are differences of pixels.
   bool angular() const { return angular_; }
 
@@ -81,6 +84,7 @@ class TrackingRig {
   std::vector<Rigid3> cam_from_rig_;
   std::vector<double> pixels_per_radian_;
   std::vector<PixelFinder> finders_;
+  std::vector<PixelCurvature> curvatures_;
   std::vector<std::pair<int, int>> common_views_;
 };
 
