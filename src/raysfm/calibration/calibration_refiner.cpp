@@ -253,7 +253,7 @@ std::vector<CalibrationRefiner::Stretch> CalibrationRefiner::short_stretches(con
 }
 
 bool CalibrationRefiner::drop_turning_shutter(const TrackingRig& rig, int world, const Map& map,
-                                       const VelocityOf& velocity_of) {
+                                              const VelocityOf& velocity_of) {
   if (!parameters_.has_readout() || shutter_is_dropped_) return false;
   std::vector<double> least(parameters_.size(), 0), most(parameters_.size(), 0);
   for (const Stretch& s :
