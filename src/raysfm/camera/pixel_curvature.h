@@ -13,7 +13,7 @@ namespace raysfm {
 //   direction(pixel + w) = direction + D (w + gamma(w, w) / 2) - |D w|^2 / 2 direction,
 // D = d direction / d pixel. From a table of the camera's rays; that their origins differ is left out, which
 // matters only for points about as near as the origins are apart. Thread-safe, no allocation but in the
-// constructor, which asks for some 5000 rays.
+// constructor, which asks for up to 17,000 rays.
 class PixelCurvature {
  public:
   explicit PixelCurvature(const Camera& camera);
