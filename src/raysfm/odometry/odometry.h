@@ -277,6 +277,7 @@ class Odometry {
   std::vector<Map*> maps();
   bool is_new_place(int keyframe) const;
   void remember(int keyframe);
+  void look_for_ends(int keyframe);
   void remember_end();
   void add_end();
   void close(const Meeting& meeting);

@@ -21,6 +21,9 @@ constexpr double kMostFalseAlarms = -10;
 // Key frames whose points tell where track ended. Of 1, 3 and 6 with 423, 697 and 1015 points, the last tells
 // a room most often.
 constexpr int kEndKeyFrames = 6;
+// So many first key frames of a world, places of their own or not, are compared with the ends of others: what
+// comes next is most like it, and two looks tell more than one.
+constexpr int kNearEnd = 20;
 constexpr int kOneVisit = 20;  // key frames from one place seen again to the next, which is no news then
 // Of second looks every so manieth key frame stays; they are gone through so many at once.
 constexpr int kStays = 10, kThinnedAtOnce = 60;
@@ -89,9 +92,13 @@ void Odometry::look_about(int end) {
   if (!options_.loops) return;
   while (segment().looked_about < end) {
     const int keyframe = segment().looked_about++;
-    if (!segment().views[keyframe].view || !is_new_place(keyframe)) continue;
+    if (!segment().views[keyframe].view) continue;
     const size_t before = segment().map.keyframes.size();
-    remember(keyframe);
+    if (is_new_place(keyframe)) {
+      remember(keyframe);
+    } else if (keyframe < kNearEnd) {
+      look_for_ends(keyframe);
+    }
     end += static_cast<int>(segment().map.keyframes.size() - before);  // a world was joined
   }
 }
@@ -161,12 +168,20 @@ void Odometry::remember(int keyframe) {
     if (is_usual(*meeting, s.map) || places_.is_told_again(*meeting, worlds)) close(*meeting);
   } else if (meeting && places_.is_confirmed(*meeting, worlds)) {
     join(*meeting);
-  } else if (!meeting && places_.has_end_outside(active_)) {
-    DescribedCorners seen = described_corners(k);
-    describe_upright(*s.views[keyframe].view, describer_, &seen);
-    meeting = places_.meet_end({active_, keyframe}, seen, worlds);
-    if (meeting) join(*meeting);
+  } else if (!meeting) {
+    look_for_ends(keyframe);
   }
+}
+
+// Joins the world where track ended in another, if a key frame shows that.
+void Odometry::look_for_ends(int keyframe) {
+  if (!places_.has_end_outside(active_)) return;
+  const SegmentState& s = segment();
+  DescribedCorners seen{triangulated_corners(s.map, keyframe), {}, {}};
+  describe_upright(*s.views[keyframe].view, describer_, &seen);
+  const std::vector<Map*> worlds = maps();
+  const std::optional<Meeting> meeting = places_.meet_end({active_, keyframe}, seen, worlds);
+  if (meeting && places_.is_confirmed(*meeting, worlds, kCertainEnd)) join(*meeting);
 }
 
 // A loop: the drift along it is spread over all of it, and the points become one. All is adjusted where that

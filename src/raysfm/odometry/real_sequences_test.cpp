@@ -172,7 +172,7 @@ TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
   EXPECT_LT(error->percent_of_path(), 3) << "of " << error->length << " m";
 }
 
-INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(70));
+INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(70, 100));
 
 // Photos three times round a table, far from each other: what track is lost at is seen from the next.
 TEST(RealPhotos, EachIsPosed) {

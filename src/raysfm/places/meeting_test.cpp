@@ -75,8 +75,22 @@ TEST(Loops, AreToldAgainByTheSameDrift) {
   PlaceMemory memory(m.rig, 1);
   Meeting meeting;
   meeting.here.keyframe = 3;
+  meeting.place.log10_false_alarms = -20;
   EXPECT_FALSE(memory.is_told_again(meeting, worlds));
   meeting.relation.there_from_here.translation.x() = 3.1;
+  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
+  EXPECT_TRUE(memory.is_told_again(meeting, worlds));
+}
+
+// What is told by little must be told more often.
+TEST(Loops, AreToldBySeveralThatSayLittle) {
+  TrueMap m = true_map(PanelWorld(3), 4);
+  std::vector<Map*> worlds{&m.map};
+  PlaceMemory memory(m.rig, 1);
+  Meeting meeting;
+  meeting.here.keyframe = 3;
+  meeting.place.log10_false_alarms = -10;
+  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
   EXPECT_FALSE(memory.is_told_again(meeting, worlds));
   EXPECT_TRUE(memory.is_told_again(meeting, worlds));
 }

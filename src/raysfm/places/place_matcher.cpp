@@ -12,6 +12,7 @@ namespace {
 
 constexpr float kMaxRatio = 0.85f;  // of the distances to the nearest descriptor and to the next
 constexpr int kMinMatches = 12;     // no pose that is sure comes from fewer
+constexpr int kMinMatchesEnd = 10;  // where track ended, what the pose leads to tells the more
 constexpr double kCornerError = 4;  // standard deviations, which are pixels of the octave
 // Once a pose is there: how far a corner may be from where it sees a point, as a part of the image's width,
 // and the bits by which the two may differ.
@@ -255,29 +256,32 @@ double PlaceMatcher::log10_false_alarms(const DescribedCorners& seen, int matche
   return log10_chance_poses(matched, agreeing, std::min(0.5, chance / static_cast<double>(matches_.size())));
 }
 
-// Of the cells where points were looked for, all but those that the pose is from: how likely it is that
-// points are found in so many where a pose is wrong. They would be found as often as aside, where they are
-// not.
-double PlaceMatcher::log10_found_by_chance(const std::set<ImageCell>& known,
-                                           const std::set<ImageCell>& found) const {
-  const auto news_in = [&](const std::set<ImageCell>& cells) {
+// Of the cells where points were looked for, all but those that the pose is from.
+PlaceMatcher::News PlaceMatcher::news(const std::set<ImageCell>& known,
+                                      const std::set<ImageCell>& found) const {
+  const auto count = [&](const std::set<ImageCell>& cells) {
     return static_cast<int>(
         std::ranges::count_if(cells, [&](const ImageCell& c) { return !known.contains(c); }));
   };
-  const int looked_for = news_in(search_.looked_for);
-  const int found_there = std::min(news_in(found), looked_for);
-  int found_aside = 1;  // never is it nothing
-  for (const std::set<ImageCell>& side : search_.aside) found_aside += news_in(side);
+  News news{count(search_.looked_for), 0, 1};  // never is nothing found aside
+  news.found = std::min(count(found), news.looked_for);
+  for (const std::set<ImageCell>& side : search_.aside) news.found_aside += count(side);
+  return news;
+}
+
+// How likely it is that points are found in so many where a pose is wrong. They would be found as often as
+// aside, where they are not.
+double PlaceMatcher::News::log10_by_chance() const {
   const double chance = found_aside / (4.0 * looked_for);
-  if (found_there <= chance * looked_for) return 0;
-  return std::min(0.0, log10_choose(looked_for, found_there) + found_there * std::log10(chance));
+  if (found <= chance * looked_for) return 0;
+  return std::min(0.0, log10_choose(looked_for, found) + found * std::log10(chance));
 }
 
 std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& seen, const Map& map,
                                                        int keyframe, uint64_t seed, uint64_t stream) {
   match(seen, map, keyframe);
   std::optional<RecognisedPlace> place =
-      find_pose(seen, map, seed, stream,
+      find_pose(seen, map, seed, stream, kMinMatches,
                 [&](const Rigid3& rig_from_world) { look_about(seen, map, keyframe, rig_from_world); });
   if (place) place->keyframe = keyframe;
   return place;
@@ -288,25 +292,28 @@ std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& s
   match(seen, map, end);
   std::set<ImageCell> known;
   std::optional<RecognisedPlace> place =
-      find_pose(seen, map, seed, stream, [&](const Rigid3& rig_from_world) {
+      find_pose(seen, map, seed, stream, kMinMatchesEnd, [&](const Rigid3& rig_from_world) {
         known = cells_of_matches(seen);
         look_about(seen, map, end, rig_from_world);
       });
   if (!place) return std::nullopt;
+  const std::set<ImageCell> found = cells_of_matches(seen);
+  const News more = news(known, found), all = news({}, found);
   place->keyframe = end.keyframe;
-  place->log10_false_alarms += log10_found_by_chance(known, cells_of_matches(seen));
+  place->log10_false_alarms += more.log10_by_chance();
+  place->found = static_cast<double>(all.found) / all.looked_for;
   return place;
 }
 
 // From the matches; `look_about` makes more of them once there is a first pose.
 template <typename LookAbout>
 std::optional<RecognisedPlace> PlaceMatcher::find_pose(const DescribedCorners& seen, const Map& map,
-                                                       uint64_t seed, uint64_t stream,
+                                                       uint64_t seed, uint64_t stream, int least,
                                                        const LookAbout& look_about) {
   const auto matched = static_cast<int>(matches_.size());
-  if (matched < kMinMatches) return std::nullopt;
+  if (matched < least) return std::nullopt;
   const PoseOptions options{
-      .max_error_px = kCornerError, .min_inliers = kMinMatches, .seed = seed, .stream = stream};
+      .max_error_px = kCornerError, .min_inliers = least, .seed = seed, .stream = stream};
   estimator_.estimate(rig_.rig(), observations(seen, map), nullptr, options, &estimate_);
   if (!estimate_.ok()) return std::nullopt;
   std::vector<CornerOfTrack> others = keep_inliers();

@@ -31,6 +31,9 @@ struct RecognisedPlace {
   // are all wrong (a contrario; Moisan and Stival 2004). Where track ended, what the pose then leads to
   // counts too.
   double log10_false_alarms = 0;
+  // Where track ended: the part of the cells of the image, of those where the pose sees its points, in which
+  // one is found.
+  double found = 0;
 };
 
 // What was seen last before track was lost: what is seen next is most like it, and may be seen from far
@@ -66,7 +69,7 @@ class PlaceMatcher {
   void match(const DescribedCorners& seen, const Map& map, const TrackEnd& end);
   template <typename LookAbout>
   std::optional<RecognisedPlace> find_pose(const DescribedCorners& seen, const Map& map, uint64_t seed,
-                                           uint64_t stream, const LookAbout& look_about);
+                                           uint64_t stream, int least, const LookAbout& look_about);
   void begin_to_look(const DescribedCorners& seen, const Map& map, bool aside_too);
   void look_about(const DescribedCorners& seen, const Map& map, int keyframe, const Rigid3& rig_from_world);
   void look_about(const DescribedCorners& seen, const Map& map, const TrackEnd& end,
@@ -84,7 +87,6 @@ class PlaceMatcher {
                  std::vector<CornerOfTrack> others);
   std::set<ImageCell> cells_of_matches(const DescribedCorners& seen) const;
   double log10_false_alarms(const DescribedCorners& seen, int matched) const;
-  double log10_found_by_chance(const std::set<ImageCell>& known, const std::set<ImageCell>& found) const;
 
   // Where points were looked for, and where, as far aside on each of four sides, something like them was.
   struct Search {
@@ -92,6 +94,13 @@ class PlaceMatcher {
     std::set<ImageCell> looked_for;
     std::array<std::set<ImageCell>, 4> aside;
   };
+  // What it came to, in cells.
+  struct News {
+    int looked_for = 0, found = 0;
+    int found_aside = 0;  // on all four sides
+    double log10_by_chance() const;
+  };
+  News news(const std::set<ImageCell>& known, const std::set<ImageCell>& found) const;
 
   const TrackingRig& rig_;
   PoseEstimator estimator_;

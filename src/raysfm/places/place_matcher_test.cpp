@@ -47,6 +47,14 @@ class PlaceMatcherTest : public testing::Test {
     }
     return count;
   }
+  TrackEnd end_at(int keyframe) {
+    const MapKeyFrame& k = truth_.map.keyframes[keyframe];
+    DescribedCorners last;
+    for (int f = 0; f < k.size(); ++f)
+      last.corners.push_back({k.tracks[f], k.cameras[f], k.octaves[f], k.pixels[f]});
+    describe_upright(*truth_.views[keyframe].view, describer_, &last);
+    return {0, keyframe, last.corners, last.upright};
+  }
   std::optional<RecognisedPlace> recognise(const DescribedCorners& seen, int keyframe = 1) {
     return matcher_.recognise(seen, truth_.map, keyframe, 1, 2);
   }
@@ -86,6 +94,35 @@ TEST_F(PlaceMatcherTest, KnowsAPlaceHoweverTheCameraIsTurned) {
   }
 }
 
+// As where a poster hangs in another room too.
+TEST_F(PlaceMatcherTest, TellsHowMuchOfAnEndIsThere) {
+  const TrackEnd end = end_at(1);
+  const ViewPtr here = view_from(true_pose(truth_.rig, 1.3)),
+                elsewhere = view_from(true_pose(truth_.rig, 1.3), 8);
+  DescribedCorners seen = describe_corners(*here, describer_),
+                   other = describe_corners(*elsewhere, describer_);
+  describe_upright(*here, describer_, &seen);
+  describe_upright(*elsewhere, describer_, &other);
+  const auto width = static_cast<float>(truth_.rig.camera(0).width);
+  for (const float part : {1.0f, 0.6f, 0.3f}) {
+    DescribedCorners mixed;
+    const auto take = [&](const DescribedCorners& from, bool left) {
+      for (size_t i = 0; i < from.corners.size(); ++i) {
+        if ((from.corners[i].pixel.x() < part * width) != left) continue;
+        mixed.corners.push_back(from.corners[i]);
+        mixed.descriptors.push_back(from.descriptors[i]);
+        mixed.upright.push_back(from.upright[i]);
+      }
+    };
+    take(seen, true);
+    take(other, false);
+    const auto place = matcher_.recognise(mixed, truth_.map, end, 1, 2);
+    ASSERT_TRUE(place) << part;
+    EXPECT_GT(place->found, 0.7 * part);
+    EXPECT_LT(place->found, 0.9 * part);
+  }
+}
+
 // From far aside, by what is upright, where what turns with the picture tells too little.
 TEST_F(PlaceMatcherTest, KnowsWhereTrackEndedFromAside) {
   const Rigid3 here = true_pose(truth_.rig, 1);
@@ -94,12 +131,7 @@ TEST_F(PlaceMatcherTest, KnowsWhereTrackEndedFromAside) {
     const Eigen::Quaterniond turn = exp_so3({0, angle, 0});
     return here * Rigid3{turn, middle - turn * middle};
   };
-  const MapKeyFrame& k = truth_.map.keyframes[1];
-  DescribedCorners last;
-  for (int f = 0; f < k.size(); ++f)
-    last.corners.push_back({k.tracks[f], k.cameras[f], k.octaves[f], k.pixels[f]});
-  describe_upright(*truth_.views[1].view, describer_, &last);
-  const TrackEnd end{0, 1, last.corners, last.upright};
+  const TrackEnd end = end_at(1);
   int by_turning = 0, by_upright = 0;
   for (const double angle : {-0.8, -0.7, -0.6, 0.6, 0.7, 0.8}) {
     const ViewPtr view = view_from(aside(angle));

@@ -14,10 +14,13 @@ namespace raysfm {
 
 // Logarithm to base 10 of the false alarms of a place that needs no other to confirm it.
 constexpr double kCertainPlace = -40;
+// The same of where track ended, if enough of it is there; looks that tell the same may come to that
+// together.
+constexpr double kCertainEnd = -27;
 
 template <typename A>
 void archive_fields(A& a, RecognisedPlace& x) {
-  archive(a, x.keyframe, x.rig_from_world, x.covariance, x.matches, x.log10_false_alarms);
+  archive(a, x.keyframe, x.rig_from_world, x.covariance, x.matches, x.log10_false_alarms, x.found);
 }
 template <typename A>
 void archive_fields(A& a, TrackEnd& x) {
@@ -61,14 +64,15 @@ class PlaceMemory {
   // Where track ended. The newest few are kept.
   void add_end(TrackEnd end);
   bool has_end_outside(int world) const;
-  // Whether the upright corners of a key frame show where track ended in another world, so clearly that
-  // nothing need confirm it.
+  // Whether the upright corners of a key frame show where track ended in another world; of several ends that
+  // which is surest. Another look may have to confirm it.
   std::optional<Meeting> meet_end(const PlaceRef& here, const DescribedCorners& seen, WorldMaps worlds);
 
-  // Whether what was met in another world is sure: two places say the same, or this one says it very clearly.
-  bool is_confirmed(const Meeting& meeting, WorldMaps worlds);
+  // Whether what was met in another world is sure: it is `certain`, or told again.
+  bool is_confirmed(const Meeting& meeting, WorldMaps worlds, double certain = kCertainPlace);
 
-  // Whether what was met says the same as the last that was asked for.
+  // Whether what was met says the same as the last that was asked for, and enough with those that did so
+  // before.
   bool is_told_again(const Meeting& meeting, WorldMaps worlds);
 
   // After join_worlds().
@@ -103,9 +107,10 @@ class PlaceMemory {
   // Of the places after those of the index: nothing was looked for among them yet, and in most videos nothing
   // ever is among those that are at hand.
   std::deque<PlaceIndex::Signatures> unfiled_;
-  std::vector<PlaceRef> places_;    // by their number
-  std::deque<TrackEnd> ends_;       // oldest first
-  std::optional<Meeting> hearsay_;  // of two worlds, to be confirmed by another
+  std::vector<PlaceRef> places_;  // by their number
+  std::deque<TrackEnd> ends_;     // oldest first
+  // To be confirmed by another. Its false alarms are those of all that said the same before it, too.
+  std::optional<Meeting> hearsay_;
   const TrackingRig& rig_;
   uint64_t seed_;
 };
