@@ -513,6 +513,10 @@ bool recognised(const Localisation& pose, const OdometryOptions& options) {
          (found_share(pose, kManyMatchedShare) && 4 * pose.matched_with_anchor >= options.min_matches);
 }
 
+bool followed(const Localisation& pose, const OdometryOptions& options) {
+  return believable(pose) || recognised(pose, options);
+}
+
 Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {
   Localisation pose;
   pose.ok = true;

@@ -97,6 +97,9 @@ bool convincing(const Localisation& pose);
 // The same after a loss, when the guess behind it may be wrong. From another side much is hidden, and while
 // the camera shook much has gone out of sight; but the more points agree, the less it is by chance.
 bool recognised(const Localisation& pose, const OdometryOptions& options);
+// By one rule or the other: where track is taken on from a posed view to those beside it that had no pose,
+// neither how it got lost nor a wrong guess speaks against it.
+bool followed(const Localisation& pose, const OdometryOptions& options);
 
 // A key frame as if it had been localised, with its own observations.
 Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map);

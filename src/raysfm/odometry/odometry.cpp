@@ -623,7 +623,7 @@ void Odometry::pose_missed(const std::vector<WaitingView>& missed) {
     ViewPtr view = waiting->view ? waiting->view : waiting->coarse;
     if (!view) continue;
     Localisation pose = waiting->view ? localise(&view) : follow(*view);
-    if (!believable(pose) && !recognised(pose, options_)) break;
+    if (!followed(pose, options_)) break;
     follow_scan(*view, &pose);
     record(view->frame, pose, local_.anchor);
     previous_ = following(*previous_, view, std::move(pose));

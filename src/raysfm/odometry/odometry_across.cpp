@@ -66,7 +66,7 @@ void Odometry::begin_from(const ViewPtr& view) {
 // Whether track leads from the newest posed view to one of the old world, which is that then.
 bool Odometry::sees_old(ViewPtr view) {
   Localisation pose = localise(&view);
-  if (!believable(pose) && !recognised(pose, options_)) return false;
+  if (!followed(pose, options_)) return false;
   previous_ = following(*previous_, view, std::move(pose));
   return true;
 }
