@@ -5,7 +5,6 @@
 #include <cmath>
 #include <numbers>
 #include <tuple>
-#include <utility>
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/hierarchy.h"
@@ -232,18 +231,15 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Adjusti
   }
 }
 
-// Those of the newest key frame, and again of what has become better known since. To fit all of them each
-// time takes half as long again and brings nothing; not to fit those of older points at first makes a fisheye
-// and a mirror twice as inexact.
+// Those of the newest key frame, and again of what has become better known since.
 void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
-  constexpr std::array kFits = {std::pair(0, SurfacesOf::kAll), std::pair(2, SurfacesOf::kFirstSeen),
-                                std::pair(8, SurfacesOf::kFirstSeen)};  // by age in key frames
+  constexpr std::array kAges = {0, 2, 8};  // key frames
   if (!options_.departures.surfaces) return;
   ScopedTimer timer(keyframe_timing);
   const int newest = static_cast<int>(views->size()) - 1;
-  for (const auto& [age, which] : kFits) {
+  for (const int age : kAges) {
     if (age <= newest && (*views)[newest - age].view)
-      fit_surfaces(rig_, map, newest - age, which, &(*views)[newest - age]);
+      fit_surfaces(rig_, map, newest - age, &(*views)[newest - age]);
   }
 }
 

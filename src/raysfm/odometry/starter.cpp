@@ -422,7 +422,7 @@ std::optional<Start> Starter::build(const std::array<int, 3>& views, const std::
   }
   for (int v = 0; v < 3; ++v)
     start.views.push_back(make_keyframe_view(views_[views[v]].view, map.keyframes[v], rig_));
-  fit_surfaces(rig_, map, 0, SurfacesOf::kAll, start.views.data());
+  fit_surfaces(rig_, map, 0, start.views.data());
   refine_pixels({views_[views[0]].view, views_[views[1]].view, views_[views[2]].view}, &start);
   mapper.adjust_globally(&map);
   const int points = static_cast<int>(
@@ -480,12 +480,12 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
 // Once more, now that many points tell which way the surfaces face.
 void Starter::refine_on_surfaces(const std::array<int, 3>& views, Start* start, Mapper& mapper) {
   Map& map = start->map;
-  for (int v = 0; v < 3; ++v) fit_surfaces(rig_, map, v, SurfacesOf::kAll, &start->views[v]);
+  for (int v = 0; v < 3; ++v) fit_surfaces(rig_, map, v, &start->views[v]);
   refine_pixels({views_[views[0]].view, views_[views[1]].view, views_[views[2]].view}, start);
   mapper.adjust_globally(&map);
   for (int v = 0; v < 3; ++v) {
     start->views[v] = make_keyframe_view(start->views[v].view, map.keyframes[v], rig_);
-    fit_surfaces(rig_, map, v, SurfacesOf::kAll, &start->views[v]);
+    fit_surfaces(rig_, map, v, &start->views[v]);
   }
 }
 

@@ -69,13 +69,13 @@ double in_front(double distance) {
   return distance > 0 && distance < 100 ? distance : 100;
 }
 
-class SurfacesTest : public testing::TestWithParam<int> {};
-INSTANTIATE_TEST_SUITE_P(Cameras, SurfacesTest, testing::Values(1, 2));
+class SurfacesOf : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Cameras, SurfacesOf, testing::Values(1, 2));
 
-TEST_P(SurfacesTest, AFloorIsFoundToBeOne) {
+TEST_P(SurfacesOf, AFloorIsFoundToBeOne) {
   const TrackingRig rig = wide_rig(GetParam());
   Seen seen(rig, [](const Ray& ray) { return in_front(to_floor(ray)); });
-  fit_surfaces(rig, seen.map, 0, SurfacesOf::kAll, &seen.view);
+  fit_surfaces(rig, seen.map, 0, &seen.view);
   int floor = 0, right = 0;
   for (int f = 0; f < 700; ++f) {
     const Eigen::Vector3d direction = seen.view.directions[f].cast<double>();
@@ -90,37 +90,17 @@ TEST_P(SurfacesTest, AFloorIsFoundToBeOne) {
 TEST(Surfaces, AnEdgeIsNoSlope) {
   const TrackingRig rig = wide_rig(2);
   Seen seen(rig, to_walls);
-  fit_surfaces(rig, seen.map, 0, SurfacesOf::kAll, &seen.view);
+  fit_surfaces(rig, seen.map, 0, &seen.view);
   int right = 0;
   for (int f = 0; f < 700; ++f) right += std::abs(seen.normal(f).z()) > 0.97;
   EXPECT_GT(right, 0.97 * 700);
-}
-
-TEST(Surfaces, OfPointsSeenBeforeTheyMayStay) {
-  const TrackingRig rig = wide_rig(1);
-  Seen seen(rig, [](const Ray& ray) { return in_front(to_floor(ray)); });
-  seen.map.keyframes.insert(seen.map.keyframes.begin(), MapKeyFrame());  // saw every other point
-  for (size_t t = 0; t < seen.map.tracks.size(); ++t) {
-    auto& observations = seen.map.tracks[t].observations;
-    observations.front().keyframe = 1;
-    if (t % 2 == 0) observations.insert(observations.begin(), TrackObservation{0, 0});
-  }
-  const std::vector<Eigen::Matrix<float, 3, 2>> before = seen.view.point_jacobians;
-  fit_surfaces(rig, seen.map, 1, SurfacesOf::kFirstSeen, &seen.view);
-  int turned = 0;
-  for (int f = 0; f < 700; ++f) {
-    const bool stays = seen.view.point_jacobians[f] == before[f];
-    EXPECT_TRUE(stays || f % 2 == 1) << f;
-    turned += f % 2 == 1 && !stays;
-  }
-  EXPECT_GT(turned, 340);
 }
 
 // The deformation of a patch is the derivative of the way pixel -> floor -> other pixel.
 TEST(Surfaces, PatchesOfAFloorAreDeformedAsTheFloorIs) {
   const TrackingRig rig = wide_rig(2);
   Seen seen(rig, [](const Ray& ray) { return in_front(to_floor(ray)); });
-  fit_surfaces(rig, seen.map, 0, SurfacesOf::kAll, &seen.view);
+  fit_surfaces(rig, seen.map, 0, &seen.view);
   const Rigid3 moved{exp_so3({0.02, -0.1, 0.05}), {0.5, -0.2, -0.6}};
   const auto transfer = [&](const Eigen::Vector2d& pixel) {
     Ray ray;

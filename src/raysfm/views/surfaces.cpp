@@ -119,15 +119,12 @@ class SurfaceFit {
 
 }  // namespace
 
-void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, SurfacesOf which,
-                  KeyFrameView* view) {
+void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, KeyFrameView* view) {
   for (int c = 0; c < rig.size(); ++c) {
     const SeenPoints seen(rig, map, map.keyframes[keyframe], c);
     SurfaceFit fit(seen, kNeighbourhood * static_cast<float>(rig.camera(c).width));
     for (int i = 0; i < static_cast<int>(seen.features.size()); ++i) {
       const int f = seen.features[i];
-      const Track& track = map.tracks[map.keyframes[keyframe].tracks[f]];
-      if (which == SurfacesOf::kFirstSeen && track.observations.front().keyframe != keyframe) continue;
       fit.turn(i, {view->origins[f].cast<double>(), view->directions[f].cast<double>()},
                &view->point_jacobians[f]);
     }
