@@ -289,8 +289,7 @@ TEST(OdometryPlaces, PlacesAndMapGoTogetherAfterSecondLooksHaveGone) {
   ASSERT_GE(r.closures.size(), 2u);
   for (const Closure& c : r.closures) {
     const Rigid3 here = *film.world_from_rig[c.frame], there = *film.world_from_rig[c.with_frame];
-    EXPECT_LT((here.translation - there.translation).norm(), 1.2) << c.frame << " " << c.with_frame;
-    EXPECT_LT(here.rotation.angularDistance(there.rotation), 0.8) << c.frame << " " << c.with_frame;
+    EXPECT_LT((here.translation - there.translation).norm(), 0.5) << c.frame << " " << c.with_frame;
   }
   // Found again after the gap, by a place of which no image is at hand.
   EXPECT_EQ(r.frames.back().segment, 0);
@@ -378,35 +377,23 @@ TEST(OdometryPlaces, TheResultDependsOnTheViewsAlone) {
 
 // The unit of length may change on the way, and frames between key frames go with them.
 TEST(OdometryPlaces, PartByPartEverythingIsAdjustedAsWellAsAtOnce) {
-  struct Errors {
-    double ate = 0, rpe = 0, rms_px = 0;
-    void add(const Reconstruction& r, const Film& film) {
-      ate += error_of(r, film).ate.rmse;
-      rpe += error_of(r, film).rpe.trans;
-      rms_px += r.rms_reprojection_px;
-    }
-  } at_once, by_parts;  // sums: of one film the ratio is 0.7 to 1.2
-  for (const int begin : {4, 20, 36}) {
-    Film film;
-    film.add(slow_round(), begin, begin + 296);
-    const auto adjusted = [&](FinalAdjustment how) {
-      OdometryOptions options;
-      options.final = how;
-      Odometry odometry({{small_camera()}}, options);
-      for (const ViewPtr& view : film.views) odometry.process(view);
-      return odometry.finish(true);
-    };
-    const Reconstruction whole = adjusted(FinalAdjustment::kGlobal),
-                         parts = adjusted(FinalAdjustment::kHierarchical);
-    ASSERT_EQ(parts.segments.size(), 1u);
-    EXPECT_GT(parts.keyframes.size(), 40u);  // several parts
-    EXPECT_FALSE(identical(whole, parts));
-    at_once.add(whole, film);
-    by_parts.add(parts, film);
-  }
-  EXPECT_LT(by_parts.ate, 1.1 * at_once.ate);
-  EXPECT_LT(by_parts.rpe, 1.1 * at_once.rpe);
-  EXPECT_LT(by_parts.rms_px, 1.02 * at_once.rms_px);
+  Film film;
+  film.add(slow_round(), 4, 300);
+  const auto adjusted = [&](FinalAdjustment how) {
+    OdometryOptions options;
+    options.final = how;
+    Odometry odometry({{small_camera()}}, options);
+    for (const ViewPtr& view : film.views) odometry.process(view);
+    return odometry.finish(true);
+  };
+  const Reconstruction at_once = adjusted(FinalAdjustment::kGlobal),
+                       by_parts = adjusted(FinalAdjustment::kHierarchical);
+  ASSERT_EQ(by_parts.segments.size(), 1u);
+  EXPECT_GT(by_parts.keyframes.size(), 40u);  // several parts
+  EXPECT_FALSE(identical(at_once, by_parts));
+  EXPECT_LT(error_of(by_parts, film).ate.rmse, 1.1 * error_of(at_once, film).ate.rmse);
+  EXPECT_LT(error_of(by_parts, film).rpe.trans, 1.1 * error_of(at_once, film).rpe.trans);
+  EXPECT_LT(by_parts.rms_reprojection_px, 1.02 * at_once.rms_reprojection_px);
 }
 
 // The state after so many views of a film, and the film's views that it refers to.

@@ -68,31 +68,35 @@ TEST(Loops, AreUsualUpToAFiftiethOfTheirLength) {
   EXPECT_TRUE(is_plausible(far, map));
 }
 
-// What would be said once by a street that repeats itself: 3.1 m from there another house is like it.
-TEST(Loops, AreToldAgainByTheSameDrift) {
+// Meetings of a key frame, as told one after another.
+struct ToldMeetings {
+  explicit ToldMeetings(double log10_false_alarms) {
+    meeting.here.keyframe = 3;
+    meeting.place.log10_false_alarms = log10_false_alarms;
+  }
+  bool is_told_again() { return memory.is_told_again(meeting, worlds); }
+
   TrueMap m = true_map(PanelWorld(3), 4);
   std::vector<Map*> worlds{&m.map};
-  PlaceMemory memory(m.rig, 1);
+  PlaceMemory memory{m.rig, 1};
   Meeting meeting;
-  meeting.here.keyframe = 3;
-  meeting.place.log10_false_alarms = -20;
-  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
-  meeting.relation.there_from_here.translation.x() = 3.1;
-  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
-  EXPECT_TRUE(memory.is_told_again(meeting, worlds));
+};
+
+// What would be said once by a street that repeats itself: 3.1 m from there another house is like it.
+TEST(Loops, AreToldAgainByTheSameDrift) {
+  ToldMeetings told(-20);
+  EXPECT_FALSE(told.is_told_again());
+  told.meeting.relation.there_from_here.translation.x() = 3.1;
+  EXPECT_FALSE(told.is_told_again());
+  EXPECT_TRUE(told.is_told_again());
 }
 
 // What is told by little must be told more often.
 TEST(Loops, AreToldBySeveralThatSayLittle) {
-  TrueMap m = true_map(PanelWorld(3), 4);
-  std::vector<Map*> worlds{&m.map};
-  PlaceMemory memory(m.rig, 1);
-  Meeting meeting;
-  meeting.here.keyframe = 3;
-  meeting.place.log10_false_alarms = -10;
-  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
-  EXPECT_FALSE(memory.is_told_again(meeting, worlds));
-  EXPECT_TRUE(memory.is_told_again(meeting, worlds));
+  ToldMeetings told(-10);
+  EXPECT_FALSE(told.is_told_again());
+  EXPECT_FALSE(told.is_told_again());
+  EXPECT_TRUE(told.is_told_again());
 }
 
 }  // namespace
