@@ -298,10 +298,10 @@ std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& s
       });
   if (!place) return std::nullopt;
   const std::set<ImageCell> found = cells_of_matches(seen);
-  const News more = news(known, found), all = news({}, found);
   place->keyframe = end.keyframe;
-  place->log10_false_alarms += more.log10_by_chance();
-  place->found = static_cast<double>(all.found) / all.looked_for;
+  place->log10_false_alarms += news(known, found).log10_by_chance();
+  place->found =
+      std::min(1.0, static_cast<double>(found.size()) / static_cast<double>(search_.looked_for.size()));
   return place;
 }
 
