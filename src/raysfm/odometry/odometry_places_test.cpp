@@ -219,13 +219,14 @@ TEST(OdometryPlaces, ALoopIsClosed) {
 }
 
 // Four times round the room, and along its first side once more after a gap.
-constexpr int kRound = 480, kRounds = 4;
+constexpr int kRound = 480, kRounds = 4, kFirst = 4;
+constexpr std::pair kAfterGap = {20, 60};
 const Film& many_rounds() {
   static const Film film = [] {
     Film rounds;
-    for (int i = 0; i < kRounds; ++i) rounds.add(slow_round(), i == 0 ? 4 : 0, kRound);
+    for (int i = 0; i < kRounds; ++i) rounds.add(slow_round(), i == 0 ? kFirst : 0, kRound);
     rounds.add_black(6);
-    rounds.add(slow_round(), 20, 60);
+    rounds.add(slow_round(), kAfterGap.first, kAfterGap.second);
     return rounds;
   }();
   return film;
@@ -286,13 +287,21 @@ TEST(OdometryPlaces, AMapHardlyGrowsWhereAllWasSeenBefore) {
 TEST(OdometryPlaces, PlacesAndMapGoTogetherAfterSecondLooksHaveGone) {
   const Film& film = many_rounds();
   const Reconstruction& r = many_rounds_few_kept().result;
-  ASSERT_GE(r.closures.size(), 2u);
+  // Whether the map is off once more after it was closed is chance.
+  ASSERT_FALSE(r.closures.empty());
   for (const Closure& c : r.closures) {
     const Rigid3 here = *film.world_from_rig[c.frame], there = *film.world_from_rig[c.with_frame];
     EXPECT_LT((here.translation - there.translation).norm(), 0.5) << c.frame << " " << c.with_frame;
   }
-  // Found again after the gap, by a place of which no image is at hand.
+  // Found again after the gap, by a place of which no image is at hand, and where it was in the first round.
   EXPECT_EQ(r.frames.back().segment, 0);
+  const auto at = [&](int frame) { return r.frames[frame].world_from_rig->translation; };
+  double round = 0;
+  for (int i = 1; i < kRound; ++i) round += (at(i) - at(i - 1)).norm();
+  for (int i = film.size() - 10; i < film.size(); ++i) {
+    const int then = i - film.size() + kAfterGap.second - kFirst;
+    EXPECT_LT((at(i) - at(then)).norm(), 0.001 * round) << i;
+  }
   const auto& maps = many_rounds_few_kept().maps;
   ASSERT_EQ(maps.size(), 1u);
   const Map& map = maps[0];

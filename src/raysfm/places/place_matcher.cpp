@@ -256,23 +256,19 @@ double PlaceMatcher::log10_false_alarms(const DescribedCorners& seen, int matche
   return log10_chance_poses(matched, agreeing, std::min(0.5, chance / static_cast<double>(matches_.size())));
 }
 
-// Of the cells where points were looked for, all but those that the pose is from.
-PlaceMatcher::News PlaceMatcher::news(const std::set<ImageCell>& known,
-                                      const std::set<ImageCell>& found) const {
+// How likely it is that points are found in so many cells where a pose is wrong, of those where they were
+// looked for, all but `known`, which the pose is from. They would be found as often as aside, where they are
+// not.
+double PlaceMatcher::log10_found_by_chance(const std::set<ImageCell>& known,
+                                           const std::set<ImageCell>& all_found) const {
   const auto count = [&](const std::set<ImageCell>& cells) {
     return static_cast<int>(
         std::ranges::count_if(cells, [&](const ImageCell& c) { return !known.contains(c); }));
   };
-  News news{count(search_.looked_for), 0, 1};  // never is nothing found aside
-  news.found = std::min(count(found), news.looked_for);
-  for (const std::set<ImageCell>& side : search_.aside) news.found_aside += count(side);
-  return news;
-}
-
-// How likely it is that points are found in so many where a pose is wrong. They would be found as often as
-// aside, where they are not.
-double PlaceMatcher::News::log10_by_chance() const {
-  const double chance = found_aside / (4.0 * looked_for);
+  const int looked_for = count(search_.looked_for), found = std::min(count(all_found), looked_for);
+  int aside = 1;  // never is nothing found there
+  for (const std::set<ImageCell>& side : search_.aside) aside += count(side);
+  const double chance = aside / (4.0 * looked_for);
   if (found <= chance * looked_for) return 0;
   return std::min(0.0, log10_choose(looked_for, found) + found * std::log10(chance));
 }
@@ -299,7 +295,7 @@ std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& s
   if (!place) return std::nullopt;
   const std::set<ImageCell> found = cells_of_matches(seen);
   place->keyframe = end.keyframe;
-  place->log10_false_alarms += news(known, found).log10_by_chance();
+  place->log10_false_alarms += log10_found_by_chance(known, found);
   place->found =
       std::min(1.0, static_cast<double>(found.size()) / static_cast<double>(search_.looked_for.size()));
   return place;

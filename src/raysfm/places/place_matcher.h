@@ -94,13 +94,7 @@ class PlaceMatcher {
     std::set<ImageCell> looked_for;
     std::array<std::set<ImageCell>, 4> aside;
   };
-  // What it came to, in cells.
-  struct News {
-    int looked_for = 0, found = 0;
-    int found_aside = 0;  // on all four sides
-    double log10_by_chance() const;
-  };
-  News news(const std::set<ImageCell>& known, const std::set<ImageCell>& found) const;
+  double log10_found_by_chance(const std::set<ImageCell>& known, const std::set<ImageCell>& all_found) const;
 
   const TrackingRig& rig_;
   PoseEstimator estimator_;

@@ -1,6 +1,6 @@
 #include "raysfm/views/surfaces.h"
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <algorithm>
 
 #include "raysfm/geometry/ray.h"
@@ -14,8 +14,8 @@ constexpr int kMostNeighbours = 10;
 constexpr float kFirstLook = 0.4f;  // part of the neighbourhood, which changes no result
 // Relative, of inverse depths: by how much points of one surface are off its plane. Tried from 0.02 to 0.15;
 // the scale of a mirror camera is best up to 0.05.
-constexpr double kOffPlane = 0.04;
-constexpr double kSlope = 1;  // standard deviation of a surface's slope before anything is seen of it
+constexpr float kOffPlane = 0.04f;
+constexpr float kSlope = 1;  // standard deviation of a surface's slope before anything is seen of it
 constexpr int kRounds = 4;
 constexpr double kNearest = 0.1;  // of the point's depth; what is nearer is on another surface
 
@@ -40,11 +40,15 @@ struct SeenPoints {
   }
 };
 
-// A point near that of a feature as the feature's ray sees it: place in the plane across the ray at unit
-// depth, and inverse depth over that of the feature, less 1.
-struct Neighbour {
-  Eigen::Vector2d place;
-  double nearer;
+// Points near that of a feature as the feature's ray sees them, each in a lane: places in the plane across
+// the ray at unit depth, and inverse depths over that of the feature, less 1. Lanes that are left over are
+// zero, which says nothing of a slope.
+struct Neighbours {
+  static constexpr int kLanes = (kMostNeighbours + 3) / 4 * 4;
+  using Lanes = Eigen::Array<float, kLanes, 1>;
+  Lanes x, y, nearer;
+
+  void clear() { x.setZero(), y.setZero(), nearer.setZero(); }
 };
 
 class SurfaceFit {
@@ -57,7 +61,7 @@ class SurfaceFit {
     collect(point, ray, tangents);
     const Eigen::Matrix2d across = tangents * jacobian->cast<double>();
     const Eigen::Matrix<double, 3, 2> facing = tangents.transpose() * across;
-    *jacobian = (facing - ray.direction * (slope().transpose() * across)).cast<float>();
+    *jacobian = (facing - ray.direction * (slope().cast<double>().transpose() * across)).cast<float>();
   }
 
  private:
@@ -66,13 +70,18 @@ class SurfaceFit {
     look_within(kFirstLook * radius_, point);
     if (near_.size() < kMostNeighbours) look_within(radius_, point);
     const size_t count = std::min<size_t>(near_.size(), kMostNeighbours);
-    std::partial_sort(near_.begin(), near_.begin() + static_cast<ptrdiff_t>(count), near_.end());
+    std::nth_element(near_.begin(), near_.begin() + static_cast<ptrdiff_t>(count), near_.end());
     neighbours_.clear();
     const double depth = ray.direction.dot(seen_.points[point] - ray.origin);
     for (size_t i = 0; i < count; ++i) {
       const Eigen::Vector3d offset = seen_.points[near_[i].second] - ray.origin;
       const double along = ray.direction.dot(offset);
-      if (along > kNearest * depth) neighbours_.push_back({tangents * offset / along, depth / along - 1});
+      if (along <= kNearest * depth) continue;
+      const auto lane = static_cast<Eigen::Index>(i);
+      const Eigen::Vector2d place = tangents * offset / along;
+      neighbours_.x[lane] = static_cast<float>(place.x());
+      neighbours_.y[lane] = static_cast<float>(place.y());
+      neighbours_.nearer[lane] = static_cast<float>(depth / along - 1);
     }
   }
 
@@ -85,19 +94,19 @@ class SurfaceFit {
   }
 
   // nearer = slope . place on the plane, by least squares that neighbours on other surfaces hardly enter.
-  Eigen::Vector2d slope() const {
-    Eigen::Vector2d slope(0, 0);
+  Eigen::Vector2f slope() const {
+    constexpr float kRidge = (kOffPlane * kOffPlane) / (kSlope * kSlope);
+    const auto& [x, y, nearer] = neighbours_;
+    Eigen::Vector2f slope(0, 0);
     for (int round = 0; round < kRounds; ++round) {
-      Eigen::Matrix2d normal = (kOffPlane * kOffPlane / (kSlope * kSlope)) * Eigen::Matrix2d::Identity();
-      Eigen::Vector2d right(0, 0);
-      const double scale = round == 0 ? 4 * kOffPlane : kOffPlane;
-      for (const Neighbour& n : neighbours_) {
-        const double off = (n.nearer - slope.dot(n.place)) / scale;
-        const double weight = 1 / (1 + off * off);
-        normal += weight * n.place * n.place.transpose();
-        right += weight * n.nearer * n.place;
-      }
-      slope = normal.inverse() * right;
+      const float scale = round == 0 ? 4 * kOffPlane : kOffPlane;
+      const Neighbours::Lanes off = (nearer - slope.x() * x - slope.y() * y) / scale;
+      const Neighbours::Lanes weight = 1 / (1 + off * off);
+      const Neighbours::Lanes weighted_x = weight * x, weighted_y = weight * y;
+      const float xx = (weighted_x * x).sum() + kRidge, yy = (weighted_y * y).sum() + kRidge,
+                  xy = (weighted_x * y).sum();
+      const float right_x = (weighted_x * nearer).sum(), right_y = (weighted_y * nearer).sum();
+      slope = Eigen::Vector2f(yy * right_x - xy * right_y, xx * right_y - xy * right_x) / (xx * yy - xy * xy);
     }
     return slope;
   }
@@ -105,7 +114,7 @@ class SurfaceFit {
   const SeenPoints& seen_;
   float radius_;
   std::vector<std::pair<float, int>> near_;  // squared distance in the image, point
-  std::vector<Neighbour> neighbours_;
+  Neighbours neighbours_;
 };
 
 }  // namespace
