@@ -310,7 +310,7 @@ class Local(BatchTest):
 
     def test_what_a_killed_batch_has_left_running_is_waited_for(self):
         """A job is told to end with its batch, and may take long to: it writes what it has after the batch is started again."""
-        videos = self.list_with_a_long_one(1000)
+        videos = self.list_with_a_long_one(400)
         # Orphans of this session go to this process: to one of another session they would be woken by the kernel as their batch ends.
         prctl = ctypes.CDLL(None).prctl
         self.assertEqual(prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0), 0)
