@@ -88,13 +88,14 @@ HWY_INLINE void ScaleColumns(D d, const double* f, const T w0, const T w1, const
 
 // Of other blocks it neither reads nor writes anything: other threads work on these.
 template <int N>
-void ScaleSlots(int begin, int end, const int* point_begin, const double* factors, double* slots) {
+void ScaleSlots(int begin, int end, const int* point_begin, const int* place_of_slot, const double* factors,
+                double* cross) {
   constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
   for (int p = begin; p < end; ++p) {
     const double* f = factors + size_t{kFactorSize} * p;
     for (int s = point_begin[p]; s < point_begin[p + 1]; ++s) {
-      double* slot = slots + size_t{kCrossSize<N>} * s;
+      double* slot = cross + size_t{kCrossSize<N>} * place_of_slot[s];
       for (size_t r = 0; r < kRows; r += hn::Lanes(d)) {
         const auto rows = hn::FirstN(d, kRows - r);
         auto z0 = hn::Zero(d), z1 = z0, z2 = z0;
@@ -112,16 +113,17 @@ void ScaleSlots(int begin, int end, const int* point_begin, const double* factor
     }
   }
 }
-void ScaleSlots6(int begin, int end, const int* point_begin, const double* factors, double* slots) {
-  ScaleSlots<6>(begin, end, point_begin, factors, slots);
+void ScaleSlots6(int begin, int end, const int* point_begin, const int* place_of_slot, const double* factors,
+                 double* cross) {
+  ScaleSlots<6>(begin, end, point_begin, place_of_slot, factors, cross);
 }
-void ScaleSlots9(int begin, int end, const int* point_begin, const double* factors, double* slots) {
-  ScaleSlots<9>(begin, end, point_begin, factors, slots);
+void ScaleSlots9(int begin, int end, const int* point_begin, const int* place_of_slot, const double* factors,
+                 double* cross) {
+  ScaleSlots<9>(begin, end, point_begin, place_of_slot, factors, cross);
 }
 
 template <int N>
-void AddRightSide(const double* z, const double* factors, const int* slots, const int* points, int count,
-                  double* right) {
+void AddRightSide(const double* z, const double* factors, const int* points, int count, double* right) {
   constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
   alignas(64) double sum[kMostLanes];
@@ -130,7 +132,7 @@ void AddRightSide(const double* z, const double* factors, const int* slots, cons
     auto part = hn::Zero(d);
     for (int k = 0; k < count; ++k) {
       const double* y = factors + size_t{kFactorSize} * points[k] + 6;
-      const double* from = z + size_t{kCrossSize<N>} * slots[k] + r;
+      const double* from = z + size_t{kCrossSize<N>} * k + r;
       part = hn::Add(part, hn::Add(hn::Add(hn::Mul(hn::LoadU(d, from), hn::Set(d, y[0])),
                                            hn::Mul(hn::LoadU(d, from + kRows), hn::Set(d, y[1]))),
                                    hn::Mul(hn::LoadU(d, from + 2 * kRows), hn::Set(d, y[2]))));
@@ -142,18 +144,16 @@ void AddRightSide(const double* z, const double* factors, const int* slots, cons
   }
   for (size_t r = 0; r < N; ++r) right[r] += r < kRows ? sum[r] : last;
 }
-void AddRightSide6(const double* z, const double* factors, const int* slots, const int* points, int count,
-                   double* right) {
-  AddRightSide<6>(z, factors, slots, points, count, right);
+void AddRightSide6(const double* z, const double* factors, const int* points, int count, double* right) {
+  AddRightSide<6>(z, factors, points, count, right);
 }
-void AddRightSide9(const double* z, const double* factors, const int* slots, const int* points, int count,
-                   double* right) {
-  AddRightSide<9>(z, factors, slots, points, count, right);
+void AddRightSide9(const double* z, const double* factors, const int* points, int count, double* right) {
+  AddRightSide<9>(z, factors, points, count, right);
 }
 
 // The rows [row, row + lanes) of columns [kFirst, kFirst + kCount) of the sum, kept in registers.
 template <int N, int kFirst, int kCount>
-HWY_INLINE void SumRows(const double* z, const SlotPair* pairs, int count, size_t row,
+HWY_INLINE void SumRows(const double* z, const PlacePair* pairs, int count, size_t row,
                         double (*sum)[kMostLanes]) {
   constexpr size_t kRows = kCrossRows<N>;
   const Tag d;
@@ -174,7 +174,7 @@ HWY_INLINE void SumRows(const double* z, const SlotPair* pairs, int count, size_
 }
 
 // The ninth row of the sum.
-HWY_INLINE void SumNinthRow(const double* z, const SlotPair* pairs, int count, double* sum) {
+HWY_INLINE void SumNinthRow(const double* z, const PlacePair* pairs, int count, double* sum) {
   constexpr size_t kRows = kCrossRows<9>;
   const Tag d;
   alignas(64) double part[kRows];
@@ -198,7 +198,7 @@ HWY_INLINE void SumNinthRow(const double* z, const SlotPair* pairs, int count, d
 }
 
 template <int N>
-void SubtractProducts(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+void SubtractProducts(const double* z, const PlacePair* pairs, int count, double* target, size_t stride) {
   constexpr size_t kRows = kCrossRows<N>;
   alignas(64) double sum[N][kMostLanes];
   for (size_t row = 0; row < kRows; row += hn::Lanes(Tag())) SumRows<N, 0, N>(z, pairs, count, row, sum);
@@ -210,10 +210,10 @@ void SubtractProducts(const double* z, const SlotPair* pairs, int count, double*
   SumNinthRow(z, pairs, count, ninth);
   for (size_t c = 0; c < N; ++c) target[stride * c + kRows] -= ninth[c];
 }
-void SubtractProducts6(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+void SubtractProducts6(const double* z, const PlacePair* pairs, int count, double* target, size_t stride) {
   SubtractProducts<6>(z, pairs, count, target, stride);
 }
-void SubtractProducts9(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+void SubtractProducts9(const double* z, const PlacePair* pairs, int count, double* target, size_t stride) {
   SubtractProducts<9>(z, pairs, count, target, stride);
 }
 
@@ -237,31 +237,31 @@ void factorize_points(const PointBlock* points, int count, double damping, doubl
 }
 
 template <>
-void scale_slots<6>(int begin, int end, const int* point_begin, const double* factors, double* slots) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots6)(begin, end, point_begin, factors, slots);
+void scale_slots<6>(int begin, int end, const int* point_begin, const int* place_of_slot,
+                    const double* factors, double* cross) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots6)(begin, end, point_begin, place_of_slot, factors, cross);
 }
 template <>
-void scale_slots<9>(int begin, int end, const int* point_begin, const double* factors, double* slots) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots9)(begin, end, point_begin, factors, slots);
-}
-
-template <>
-void add_right_side<6>(const double* z, const double* factors, const int* slots, const int* points, int count,
-                       double* right) {
-  HWY_DYNAMIC_DISPATCH(AddRightSide6)(z, factors, slots, points, count, right);
-}
-template <>
-void add_right_side<9>(const double* z, const double* factors, const int* slots, const int* points, int count,
-                       double* right) {
-  HWY_DYNAMIC_DISPATCH(AddRightSide9)(z, factors, slots, points, count, right);
+void scale_slots<9>(int begin, int end, const int* point_begin, const int* place_of_slot,
+                    const double* factors, double* cross) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots9)(begin, end, point_begin, place_of_slot, factors, cross);
 }
 
 template <>
-void subtract_products<6>(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+void add_right_side<6>(const double* z, const double* factors, const int* points, int count, double* right) {
+  HWY_DYNAMIC_DISPATCH(AddRightSide6)(z, factors, points, count, right);
+}
+template <>
+void add_right_side<9>(const double* z, const double* factors, const int* points, int count, double* right) {
+  HWY_DYNAMIC_DISPATCH(AddRightSide9)(z, factors, points, count, right);
+}
+
+template <>
+void subtract_products<6>(const double* z, const PlacePair* pairs, int count, double* target, size_t stride) {
   HWY_DYNAMIC_DISPATCH(SubtractProducts6)(z, pairs, count, target, stride);
 }
 template <>
-void subtract_products<9>(const double* z, const SlotPair* pairs, int count, double* target, size_t stride) {
+void subtract_products<9>(const double* z, const PlacePair* pairs, int count, double* target, size_t stride) {
   HWY_DYNAMIC_DISPATCH(SubtractProducts9)(z, pairs, count, target, stride);
 }
 

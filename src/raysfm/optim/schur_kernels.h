@@ -19,7 +19,7 @@ constexpr int cross_place(int row, int column) {
 inline constexpr int kCrossBeyond = 8;
 
 // Z_row Z_column^T, one term of a block of the reduced system.
-struct SlotPair {
+struct PlacePair {
   int row, column;
 };
 
@@ -36,18 +36,18 @@ struct PointBlock {
 inline constexpr int kFactorSize = 9;
 void factorize_points(const PointBlock* points, int count, double damping, double* factors);
 
-// For every slot s of point p, begin <= p < end, point_begin[p] <= s < point_begin[p + 1]: W_s becomes
-// Z_s = W_s L^-T.
+// For every slot s of point p, begin <= p < end, point_begin[p] <= s < point_begin[p + 1]: W of its place
+// becomes Z = W L^-T.
 template <int N>
-void scale_slots(int begin, int end, const int* point_begin, const double* factors, double* slots);
+void scale_slots(int begin, int end, const int* point_begin, const int* place_of_slot, const double* factors,
+                 double* cross);
 
-// right (N) += sum of Z_s y over the slots, `points` naming the point of each.
+// right (N) += sum of Z y over `count` blocks Z, `points` naming the point of each.
 template <int N>
-void add_right_side(const double* z, const double* factors, const int* slots, const int* points, int count,
-                    double* right);
+void add_right_side(const double* z, const double* factors, const int* points, int count, double* right);
 
 // target (N x N by columns of this stride) -= sum of the products of the pairs.
 template <int N>
-void subtract_products(const double* z, const SlotPair* pairs, int count, double* target, size_t stride);
+void subtract_products(const double* z, const PlacePair* pairs, int count, double* target, size_t stride);
 
 }  // namespace raysfm

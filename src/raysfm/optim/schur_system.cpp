@@ -7,7 +7,7 @@ namespace raysfm {
 namespace {
 
 constexpr int kPointChunk = 512;       // points, a multiple of the eight that are factorised together
-constexpr int kPairsPerChunk = 20000;  // pairs of slots
+constexpr int kPairsPerChunk = 20000;  // pairs of places
 
 // What the damping is relative to.
 double scale_of(double diagonal) {
@@ -51,10 +51,12 @@ void SchurSystem<N>::list_slots_of_poses() {
   for (int i = 0; i < pose_count_; ++i) slot_begin_[i + 1] += slot_begin_[i];
   slots_of_pose_.resize(pose_of_slot_.size());
   points_of_pose_.resize(pose_of_slot_.size());
+  place_of_slot_.resize(pose_of_slot_.size());
   marks_.assign(slot_begin_.begin(), slot_begin_.end() - 1);
   for (size_t s = 0; s < pose_of_slot_.size(); ++s) {
     const int place = marks_[pose_of_slot_[s]]++;
     slots_of_pose_[place] = static_cast<int>(s);
+    place_of_slot_[s] = place;
     points_of_pose_[place] = point_of_slot_[s];
   }
 }
@@ -94,7 +96,7 @@ void SchurSystem<N>::for_each_pair(int pose, Use use) const {
     const int p = points_of_pose_[k];
     for (int s = point_begin_[p]; s < point_begin_[p + 1]; ++s) {
       const int row = reduced_.position(pose_of_slot_[s]);
-      if (row >= column) use(row, SlotPair{s, slots_of_pose_[k]});
+      if (row >= column) use(row, PlacePair{place_of_slot_[s], k});
     }
   }
 }
@@ -117,7 +119,7 @@ void SchurSystem<N>::list_products() {
   for (int pose = 0; pose < pose_count_; ++pose) {
     const int column = reduced_.position(pose);
     reduced_.column_offsets(column, offsets_);
-    for_each_pair(pose, [&](int row, SlotPair) {
+    for_each_pair(pose, [&](int row, PlacePair) {
       if (marks_[row]++ == 0) pattern_.push_back(row);
     });
     const size_t stride = reduced_.stride(column);
@@ -127,7 +129,7 @@ void SchurSystem<N>::list_products() {
       end += marks_[row];
       marks_[row] = 0;
     }
-    for_each_pair(pose, [&](int row, SlotPair pair) { pairs_[place_[row]++] = pair; });
+    for_each_pair(pose, [&](int row, PlacePair pair) { pairs_[place_[row]++] = pair; });
     pattern_.clear();
   }
 }
@@ -192,7 +194,7 @@ void SchurSystem<N>::eliminate_points(double damping, WorkTeam& team) {
     double* factors = &factors_[kFactorSize * static_cast<size_t>(begin)];
     // The last of eight points of a chunk are its own: kPointChunk is a multiple of eight.
     factorize_points(&points_[begin], end - begin, damping, factors);
-    scale_slots<N>(begin, end, point_begin_.data(), factors_.data(), cross_.data());
+    scale_slots<N>(begin, end, point_begin_.data(), place_of_slot_.data(), factors_.data(), cross_.data());
   });
 }
 
@@ -232,7 +234,7 @@ void SchurSystem<N>::set_right_side(int i) {
   double* right = &right_[N * static_cast<size_t>(reduced_.position(i))];
   for (int c = 0; c < N; ++c) right[c] = -poses_[i].gradient[c];
   const int begin = slot_begin_[i];
-  add_right_side<N>(cross_.data(), factors_.data(), slots_of_pose_.data() + begin,
+  add_right_side<N>(&cross_[kCrossSize<N> * static_cast<size_t>(begin)], factors_.data(),
                     points_of_pose_.data() + begin, slot_begin_[i + 1] - begin, right);
 }
 

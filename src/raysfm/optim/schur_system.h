@@ -52,8 +52,10 @@ class SchurSystem {
   PointBlock& point(int p) { return points_[p]; }
   const PointBlock& point(int p) const { return points_[p]; }
   // W at cross_place<N>(row, column). After solve(): Z.
-  double* cross(int slot) { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
-  const double* cross(int slot) const { return &cross_[kCrossSize<N> * static_cast<size_t>(slot)]; }
+  double* cross(int slot) { return &cross_[kCrossSize<N> * static_cast<size_t>(place_of_slot_[slot])]; }
+  const double* cross(int slot) const {
+    return &cross_[kCrossSize<N> * static_cast<size_t>(place_of_slot_[slot])];
+  }
   void set_zero();
 
   // Solves with the diagonal times 1 + damping (an exact zero counts as 1, so that what is not observed
@@ -79,7 +81,7 @@ class SchurSystem {
   int point_begin(int p) const { return point_begin_[p]; }
 
  private:
-  // Pairs [begin, end) of slots belong to one block of the reduced system.
+  // Pairs [begin, end) of places belong to one block of the reduced system.
   struct ProductRun {
     size_t target, stride;
     int64_t begin, end;
@@ -100,15 +102,19 @@ class SchurSystem {
 
   int pose_count_ = 0, point_count_ = 0;
   LargeArray<int> point_begin_, pose_of_slot_, point_of_slot_;
-  LargeArray<int> slot_begin_, slots_of_pose_, points_of_pose_;  // by pose, the slots ascending
+  // By pose, the slots ascending; the place of a slot is its place among these.
+  LargeArray<int> slot_begin_, slots_of_pose_, points_of_pose_;
+  LargeArray<int> place_of_slot_;
   LargeArray<PoseBlock> poses_;
   LargeArray<PointBlock> points_;
-  ScratchArray<double> cross_;  // by slot: W, and Z once the points are eliminated
+  // By place: W, and Z once the points are eliminated. The sums over what two poses see, which are most of
+  // the work, so read one stretch of memory for each of the two.
+  ScratchArray<double> cross_;
 
   LargeArray<int> pattern_begin_, pattern_, marks_;
   LargeArray<size_t> offsets_;
   LargeArray<int64_t> place_;
-  ScratchArray<SlotPair> pairs_;
+  ScratchArray<PlacePair> pairs_;
   LargeArray<ProductRun> runs_;
   std::vector<int> run_chunks_;  // the runs are shared out in these chunks
   BlockCholesky reduced_{N};

@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 
 #include "raysfm/core/random.h"
 #include "support/instruction_sets.h"
@@ -118,8 +119,9 @@ void expect_dense_solution(RandomBundle<N>& bundle, double damping) {
 TEST(SchurSystem, SolvesAgainForOtherGradientsOfThePoses) {
   RandomBundle<6> bundle(40, 300, 6, 3);
   constexpr double kDamping = 1e-3;
-  const std::vector<double> crosses(bundle.system.cross(0),
-                                    bundle.system.cross(0) + kCrossSize<6> * bundle.pose_of_slot.size());
+  const auto slots = static_cast<int>(bundle.pose_of_slot.size());
+  std::vector<std::array<double, kCrossSize<6>>> crosses(slots);
+  for (int s = 0; s < slots; ++s) std::copy_n(bundle.system.cross(s), kCrossSize<6>, crosses[s].begin());
   ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
   Rng rng(8);
   for (int i = 0; i < bundle.poses; ++i) {
@@ -128,7 +130,7 @@ TEST(SchurSystem, SolvesAgainForOtherGradientsOfThePoses) {
   for (int p = 0; p < bundle.points; ++p) std::fill_n(bundle.system.point(p).gradient, 3, 0.0);
   ASSERT_TRUE(bundle.system.solve_again(kDamping, bundle.team).valid);
   const Eigen::VectorXd again = bundle.step();
-  std::ranges::copy(crosses, bundle.system.cross(0));
+  for (int s = 0; s < slots; ++s) std::ranges::copy(crosses[s], bundle.system.cross(s));
   ASSERT_TRUE(bundle.system.solve(kDamping, bundle.team).valid);
   EXPECT_LT((again - bundle.step()).norm(), 1e-12 * again.norm());
 }
