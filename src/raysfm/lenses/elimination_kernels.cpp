@@ -20,14 +20,16 @@ using Tag = hn::CappedTag<double, 4>;
 using V = hn::Vec<Tag>;
 constexpr int kMaxPadded = 12;
 
-void ScaleSlots(int padded, int slots, const int* first, const double* inverse, const double* y,
-                const double* w, double* z, double* right) {
+void ScaleSlots(int padded, int slots, const int* first, const int* places, const double* inverse,
+                const double* y, const double* all_w, double* all_z, double* right) {
   const Tag d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const V i00 = hn::Set(d, inverse[0]), i10 = hn::Set(d, inverse[1]), i11 = hn::Set(d, inverse[2]),
           i20 = hn::Set(d, inverse[3]), i21 = hn::Set(d, inverse[4]), i22 = hn::Set(d, inverse[5]),
           y0 = hn::Set(d, y[0]), y1 = hn::Set(d, y[1]), y2 = hn::Set(d, y[2]);
-  for (int s = 0; s < slots; ++s, w += 3 * padded, z += 3 * padded) {
+  for (int s = 0; s < slots; ++s) {
+    const double* w = all_w + size_t{3} * padded * places[s];
+    double* z = all_z + size_t{3} * padded * places[s];
     double* to = right + first[s];
     for (int r = 0; r < padded; r += lanes) {
       const V w0 = hn::LoadU(d, w + r), w1 = hn::LoadU(d, w + padded + r),
@@ -77,7 +79,12 @@ HWY_INLINE void SubtractColumns(const double* z, const EliminationPair* pairs, i
 template <int kRows>
 HWY_INLINE void SubtractBlock(int columns, const double* z, const EliminationPair* pairs, int count,
                               double* target, int stride) {
+  // As many sums as there are registers for.
+  constexpr int kWidest = HWY_MAX_BYTES >= 32 && kRows == 8 ? 6 : 3;
   int c = 0;
+  for (; c + kWidest <= columns; c += kWidest) {
+    SubtractColumns<kRows, kWidest>(z, pairs, count, c, target, stride);
+  }
   for (; c + 3 <= columns; c += 3) SubtractColumns<kRows, 3>(z, pairs, count, c, target, stride);
   for (; c < columns; ++c) SubtractColumns<kRows, 1>(z, pairs, count, c, target, stride);
 }
@@ -91,15 +98,15 @@ void SubtractPairs(int padded, int columns, const double* z, const EliminationPa
   }
 }
 
-void AddTransposed(int padded, int slots, const int* first, const double* z, const double* numbers,
-                   double* sum) {
+void AddTransposed(int padded, int slots, const int* first, const int* places, const double* z,
+                   const double* numbers, double* sum) {
   const Tag d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   HWY_ALIGN double parts[3][kMaxPadded] = {};
   for (int r = 0; r < padded; r += lanes) {
     V total[3] = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-    const double* column = z + r;
     for (int s = 0; s < slots; ++s) {
+      const double* column = z + size_t{3} * padded * places[s] + r;
       const V c = hn::LoadU(d, numbers + first[s] + r);
       for (int k = 0; k < 3; ++k, column += padded) {
         total[k] = hn::Add(total[k], hn::Mul(hn::LoadU(d, column), c));
@@ -109,6 +116,20 @@ void AddTransposed(int padded, int slots, const int* first, const double* z, con
   }
   for (int k = 0; k < 3; ++k) {
     for (int r = 0; r < padded; ++r) sum[k] += parts[k][r];
+  }
+}
+
+void AddOuterProducts(const double* first_row, const double* second_row, double weight, int columns,
+                      double* sum) {
+  const Tag d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int c = 0; c < columns; ++c, sum += kJacobianRow) {
+    const V first = hn::Set(d, weight * first_row[c]), second = hn::Set(d, weight * second_row[c]);
+    for (int r = c / lanes * lanes; r < kJacobianRow; r += lanes) {
+      const V term =
+          hn::Add(hn::Mul(hn::LoadU(d, first_row + r), first), hn::Mul(hn::LoadU(d, second_row + r), second));
+      hn::StoreU(hn::Add(hn::LoadU(d, sum + r), term), d, sum + r);
+    }
   }
 }
 
@@ -122,10 +143,11 @@ namespace raysfm {
 HWY_EXPORT(ScaleSlots);
 HWY_EXPORT(SubtractPairs);
 HWY_EXPORT(AddTransposed);
+HWY_EXPORT(AddOuterProducts);
 
-void scale_point_slots(int padded, int slots, const int* first, const double* inverse, const double* y,
-                       const double* w, double* z, double* right) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots)(padded, slots, first, inverse, y, w, z, right);
+void scale_point_slots(int padded, int slots, const int* first, const int* places, const double* inverse,
+                       const double* y, const double* w, double* z, double* right) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots)(padded, slots, first, places, inverse, y, w, z, right);
 }
 
 void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
@@ -133,9 +155,14 @@ void subtract_pairs(int padded, int columns, const double* z, const EliminationP
   HWY_DYNAMIC_DISPATCH(SubtractPairs)(padded, columns, z, pairs, count, target, stride);
 }
 
-void add_transposed(int padded, int slots, const int* first, const double* z, const double* numbers,
-                    double* sum) {
-  HWY_DYNAMIC_DISPATCH(AddTransposed)(padded, slots, first, z, numbers, sum);
+void add_transposed(int padded, int slots, const int* first, const int* places, const double* z,
+                    const double* numbers, double* sum) {
+  HWY_DYNAMIC_DISPATCH(AddTransposed)(padded, slots, first, places, z, numbers, sum);
+}
+
+void add_outer_products(const double* first_row, const double* second_row, double weight, int columns,
+                        double* sum) {
+  HWY_DYNAMIC_DISPATCH(AddOuterProducts)(first_row, second_row, weight, columns, sum);
 }
 
 }  // namespace raysfm

@@ -18,15 +18,23 @@ struct EliminationPair {
 
 // Z = W L^-T and right[first] -= Z y for `slots` slots one after another; slot s belongs to rows first[s] of
 // `right`. `inverse`: L^-1, lower by rows (6 numbers).
-void scale_point_slots(int padded, int slots, const int* first, const double* inverse, const double* y,
-                       const double* w, double* z, double* right);
+void scale_point_slots(int padded, int slots, const int* first, const int* places, const double* inverse,
+                       const double* y, const double* w, double* z, double* right);
 
 // target (padded x columns, by columns `stride` apart) -= sum of the terms. padded: 8 or 12.
 void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
                     double* target, int stride);
 
 // sum (3 numbers) += Z^T c over the slots, c the numbers of `numbers` from first[s].
-void add_transposed(int padded, int slots, const int* first, const double* z, const double* numbers,
-                    double* sum);
+void add_transposed(int padded, int slots, const int* first, const int* places, const double* z,
+                    const double* numbers, double* sum);
+
+// Numbers of a row of a Jacobian, zeros behind those of its columns.
+inline constexpr int kJacobianRow = 16;
+
+// The lower triangle of the first columns of `sum` (kJacobianRow x columns, by columns) += weight J^T J,
+// where J has two rows.
+void add_outer_products(const double* first_row, const double* second_row, double weight, int columns,
+                        double* sum);
 
 }  // namespace raysfm

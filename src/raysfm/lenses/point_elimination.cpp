@@ -28,7 +28,8 @@ void PointElimination::set_structure(int images, int block, int shared, std::spa
   point_begin_.assign(point_begin.begin(), point_begin.end());
   first_row_.resize(image_of_slot.size());
   for (int slot = 0; slot < slots(); ++slot) first_row_[slot] = block * image_of_slot[slot];
-  w_.assign(place(slots() + (shared > 0 ? points() : 0)), 0.0);
+  place_slots(image_of_slot);
+  w_.assign(offset(slots() + (shared > 0 ? points() : 0)), 0.0);
   z_.assign(w_.size(), 0.0);
   v_.resize(points());
   inverse_factor_.resize(size_t(6) * points());
@@ -43,6 +44,14 @@ void PointElimination::set_structure(int images, int block, int shared, std::spa
   list_pairs(image_of_slot);
 }
 
+void PointElimination::place_slots(std::span<const int> image_of_slot) {
+  std::vector<int> next(images_ + 1, 0);
+  for (const int image : image_of_slot) ++next[image + 1];
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  place_of_slot_.resize(slots());
+  for (int slot = 0; slot < slots(); ++slot) place_of_slot_[slot] = next[image_of_slot[slot]]++;
+}
+
 void PointElimination::list_pairs(std::span<const int> image_of_slot) {
   const int blocks = images_ + (shared_ > 0 ? 1 : 0);
   const auto each = [&](auto&& body) {
@@ -50,13 +59,14 @@ void PointElimination::list_pairs(std::span<const int> image_of_slot) {
       const int begin = point_begin_[point], end = point_begin_[point + 1];
       for (int row = begin; row < end; ++row) {
         for (int column = begin; column <= row; ++column) {
-          body(block_number(image_of_slot[row], image_of_slot[column]), row, column);
+          body(block_number(image_of_slot[row], image_of_slot[column]), place_of_slot_[row],
+               place_of_slot_[column]);
         }
       }
       if (shared_ == 0) continue;
       const int own = slots() + point;
       for (int column = begin; column < end; ++column) {
-        body(block_number(images_, image_of_slot[column]), own, column);
+        body(block_number(images_, image_of_slot[column]), own, place_of_slot_[column]);
       }
       body(block_number(images_, images_), own, own);
     }
@@ -66,7 +76,7 @@ void PointElimination::list_pairs(std::span<const int> image_of_slot) {
   std::partial_sum(pair_begin_.begin(), pair_begin_.end(), pair_begin_.begin());
   pairs_.resize(pair_begin_.back());
   each([&](int number, int row, int column) {
-    pairs_[pair_begin_[number]++] = {static_cast<int>(place(row)), static_cast<int>(place(column))};
+    pairs_[pair_begin_[number]++] = {static_cast<int>(offset(row)), static_cast<int>(offset(column))};
   });
   std::shift_right(pair_begin_.begin(), pair_begin_.end(), 1);
   pair_begin_[0] = 0;
@@ -105,11 +115,12 @@ bool PointElimination::reduce(double damping) {
     if (!factorize_point(point, damping)) return false;
     const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
     const double* inverse = &inverse_factor_[size_t(6) * point];
-    scale_point_slots(padded_, count, &first_row_[begin], inverse, y_[point].data(), &w_[place(begin)],
-                      &z_[place(begin)], right_.data());
+    scale_point_slots(padded_, count, &first_row_[begin], &place_of_slot_[begin], inverse, y_[point].data(),
+                      w_.data(), z_.data(), right_.data());
     if (shared_ == 0) continue;
-    const size_t own = place(slots() + point);
-    scale_point_slots(padded_, 1, &shared_row, inverse, y_[point].data(), &w_[own], &z_[own], right_.data());
+    const int own = slots() + point;
+    scale_point_slots(padded_, 1, &shared_row, &own, inverse, y_[point].data(), w_.data(), z_.data(),
+                      right_.data());
   }
   const int blocks = images_ + (shared_ > 0 ? 1 : 0), stride = rows();
   for (int row = 0; row < blocks; ++row) {
@@ -134,9 +145,11 @@ void PointElimination::substitute(const Eigen::VectorXd& c) {
   for (int point = 0; point < points(); ++point) {
     Eigen::Vector3d sum = y_[point];
     const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
-    add_transposed(padded_, count, &first_row_[begin], &z_[place(begin)], numbers_.data(), sum.data());
+    add_transposed(padded_, count, &first_row_[begin], &place_of_slot_[begin], z_.data(), numbers_.data(),
+                   sum.data());
     if (shared_ > 0) {
-      add_transposed(padded_, 1, &shared_row, &z_[place(slots() + point)], numbers_.data(), sum.data());
+      const int own = slots() + point;
+      add_transposed(padded_, 1, &shared_row, &own, z_.data(), numbers_.data(), sum.data());
     }
     const double* i = &inverse_factor_[size_t(6) * point];
     point_steps_[point] = {-(i[0] * sum[0] + i[1] * sum[1] + i[3] * sum[2]), -(i[2] * sum[1] + i[4] * sum[2]),

@@ -37,7 +37,7 @@ class PointElimination {
   void set_zero();
   Eigen::MatrixXd& u() { return u_; }                // only the lower triangle is read
   Eigen::VectorXd& gradient() { return gradient_; }  // gc
-  Cross w(int slot) { return cross(slot, block_); }
+  Cross w(int slot) { return cross(place_of_slot_[slot], block_); }
   Cross shared_w(int point) { return cross(slots() + point, shared_); }
   Eigen::Matrix3d& v(int point) { return v_[point]; }
   Eigen::Vector3d& point_gradient(int point) { return point_gradient_[point]; }
@@ -60,18 +60,24 @@ class PointElimination {
 
  private:
   int slots() const { return static_cast<int>(first_row_.size()); }
-  size_t place(int slot) const { return size_t(3) * padded_ * slot; }
-  Cross cross(int slot, int rows) { return Cross(&w_[place(slot)], rows, 3, Eigen::OuterStride<>(padded_)); }
+  size_t offset(int place) const { return size_t(3) * padded_ * place; }
+  Cross cross(int place, int rows) {
+    return Cross(&w_[offset(place)], rows, 3, Eigen::OuterStride<>(padded_));
+  }
   bool factorize_point(int point, double damping);
+  void place_slots(std::span<const int> image_of_slot);
   void list_pairs(std::span<const int> image_of_slot);
 
   int images_ = 0, block_ = 6, shared_ = 0, padded_ = 8;
   std::vector<int> point_begin_;
   std::vector<int> first_row_;  // of a slot: its image's
+  // Image by image: the observations of an image are written one behind the other, and the sums over what two
+  // images see, which are most of the work, read one stretch of memory for each.
+  std::vector<int> place_of_slot_;
   Eigen::MatrixXd u_;
   Eigen::VectorXd gradient_;
   LargeArray<double> reduced_, right_, numbers_;  // with room for the kernels
-  LargeArray<double> w_, z_;                      // of the slots, then of the shared numbers by point
+  LargeArray<double> w_, z_;                      // by place; then of the shared numbers, by point
   std::vector<EliminationPair> pairs_;            // by block of S
   std::vector<int> pair_begin_;                   // of block (r, c), r >= c: number r (r + 1) / 2 + c
   std::vector<Eigen::Matrix3d> v_;

@@ -159,16 +159,17 @@ void StandardProblem::jacobians(const Lens& lens, int observation, Matrix26d* by
   by_numbers->leftCols(free_) = by_lens(seen.x(), seen.y()) * basis_.leftCols(free_);
 }
 
+// One row of a Jacobian: the pose's six columns, then those of the numbers of the lens; the rest is zero.
+using JacobianRow = Eigen::Matrix<double, kJacobianRow, 1>;
+
 void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
   using Matrix23d = Eigen::Matrix<double, 2, 3>;
-  using Matrix7d = Eigen::Matrix<double, 7, 7>;
   const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
   const Lens& lens = scene.lenses[j];
-  Eigen::Matrix<double, 6, 6> u = Eigen::Matrix<double, 6, 6>::Zero();
-  Eigen::Matrix<double, 7, 6> u_lens_pose = Eigen::Matrix<double, 7, 6>::Zero();
-  Matrix7d u_lens = Matrix7d::Zero();
-  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
-  Eigen::Matrix<double, 7, 1> gradient_lens = Eigen::Matrix<double, 7, 1>::Zero();
+  const int columns = 6 + numbers_;
+  Eigen::Matrix<double, kJacobianRow, 13> u;  // its lower triangle
+  u.setZero();
+  JacobianRow gradient = JacobianRow::Zero();
   for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
     const int point = index_.point_of[o];
     const double w = index_.weight[o];
@@ -177,31 +178,31 @@ void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
     Matrix27d j_lens;
     jacobians(lens, o, &j_pose, &j_lens);
     const Matrix23d j_point = j_pose.leftCols<3>() * rotation, weighted_point = w * j_point;
-    const Matrix26d weighted_pose = w * j_pose;
+    JacobianRow by_x, by_y;
+    by_x << j_pose.row(0).transpose(), j_lens.row(0).transpose(), 0, 0, 0;
+    by_y << j_pose.row(1).transpose(), j_lens.row(1).transpose(), 0, 0, 0;
 
-    u.noalias() += j_pose.transpose() * weighted_pose;
-    u_lens_pose.noalias() += j_lens.transpose() * weighted_pose;
-    u_lens.noalias() += j_lens.transpose() * (w * j_lens);
-    gradient.noalias() += j_pose.transpose() * r;
-    gradient_lens.noalias() += j_lens.transpose() * r;
+    add_outer_products(by_x.data(), by_y.data(), w, columns, u.data());
+    gradient += by_x * r.x() + by_y * r.y();
     elimination_.v(point).noalias() += j_point.transpose() * weighted_point;
     elimination_.point_gradient(point).noalias() += j_point.transpose() * r;
     PointElimination::Cross cross = elimination_.w(index_.slot_of[o]);
-    cross.topRows<6>().noalias() = j_pose.transpose() * weighted_point;
-    const Eigen::Matrix<double, 7, 3> cross_lens = j_lens.transpose() * weighted_point;
-    if (shared()) {
-      elimination_.shared_w(point) += cross_lens.topRows(numbers_);
-    } else {
-      cross.bottomRows(numbers_) = cross_lens.topRows(numbers_);
+    for (int k = 0; k < 3; ++k) {
+      const JacobianRow column = by_x * weighted_point(0, k) + by_y * weighted_point(1, k);
+      if (shared()) {
+        cross.col(k) = column.head<6>();
+        elimination_.shared_w(point).col(k) += column.segment(6, numbers_);
+      } else {
+        cross.col(k) = column.head(columns);
+      }
     }
   }
   const int first = block_ * j, lens_first = lens_rows(j);
-  elimination_.u().block<6, 6>(first, first) = u;
-  elimination_.u().block(lens_first, first, numbers_, 6) = u_lens_pose.topRows(numbers_);
-  elimination_.u().block(lens_first, lens_first, numbers_, numbers_) +=
-      u_lens.topLeftCorner(numbers_, numbers_);
-  elimination_.gradient().segment<6>(first) = gradient;
-  elimination_.gradient().segment(lens_first, numbers_) += gradient_lens.head(numbers_);
+  elimination_.u().block<6, 6>(first, first) = u.topLeftCorner<6, 6>();
+  elimination_.u().block(lens_first, first, numbers_, 6) = u.block(6, 0, numbers_, 6);
+  elimination_.u().block(lens_first, lens_first, numbers_, numbers_) += u.block(6, 6, numbers_, numbers_);
+  elimination_.gradient().segment<6>(first) = gradient.head<6>();
+  elimination_.gradient().segment(lens_first, numbers_) += gradient.segment(6, numbers_);
 }
 
 void StandardProblem::add_priors(const UncalibratedScene& scene) {
