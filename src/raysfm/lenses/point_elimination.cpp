@@ -30,7 +30,7 @@ void PointElimination::set_structure(int images, int block, int shared, std::spa
   for (int slot = 0; slot < slots(); ++slot) first_row_[slot] = block * image_of_slot[slot];
   place_slots(image_of_slot);
   w_.assign(offset(slots() + (shared > 0 ? points() : 0)), 0.0);
-  z_.assign(w_.size(), 0.0);
+  set_size(z_, w_.size());
   v_.resize(points());
   inverse_factor_.resize(size_t(6) * points());
   point_gradient_.resize(points());
@@ -85,7 +85,7 @@ void PointElimination::list_pairs(std::span<const int> image_of_slot) {
 void PointElimination::set_zero() {
   u_.setZero();
   gradient_.setZero();
-  std::fill(w_.begin(), w_.end(), 0.0);
+  std::fill(w_.begin() + static_cast<ptrdiff_t>(offset(slots())), w_.end(), 0.0);
   std::fill(v_.begin(), v_.end(), Eigen::Matrix3d::Zero());
   std::fill(point_gradient_.begin(), point_gradient_.end(), Eigen::Vector3d::Zero());
 }

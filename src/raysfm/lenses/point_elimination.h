@@ -34,6 +34,7 @@ class PointElimination {
   int rows() const { return images_ * block_ + shared_; }
   int points() const { return static_cast<int>(point_begin_.size()) - 1; }
 
+  // All but W of the slots, whose block rows are to be written, not added to.
   void set_zero();
   Eigen::MatrixXd& u() { return u_; }                // only the lower triangle is read
   Eigen::VectorXd& gradient() { return gradient_; }  // gc
@@ -77,7 +78,8 @@ class PointElimination {
   Eigen::MatrixXd u_;
   Eigen::VectorXd gradient_;
   LargeArray<double> reduced_, right_, numbers_;  // with room for the kernels
-  LargeArray<double> w_, z_;                      // by place; then of the shared numbers, by point
+  LargeArray<double> w_;                          // by place; then of the shared numbers, by point
+  ScratchArray<double> z_;                        // likewise
   std::vector<EliminationPair> pairs_;            // by block of S
   std::vector<int> pair_begin_;                   // of block (r, c), r >= c: number r (r + 1) / 2 + c
   std::vector<Eigen::Matrix3d> v_;
