@@ -16,8 +16,8 @@ struct EliminationPair {
   int row, column;
 };
 
-// Z = W L^-T and right[first] -= Z y for `slots` slots one after another; slot s belongs to rows first[s] of
-// `right`. `inverse`: L^-1, lower by rows (6 numbers).
+// Z = W L^-T and right[first] -= Z y for `slots` slots: of slot s, W and Z are the blocks places[s] of `w`
+// and `z`, and it belongs to rows first[s] of `right`. `inverse`: L^-1, lower by rows (6 numbers).
 void scale_point_slots(int padded, int slots, const int* first, const int* places, const double* inverse,
                        const double* y, const double* w, double* z, double* right);
 
@@ -25,7 +25,8 @@ void scale_point_slots(int padded, int slots, const int* first, const int* place
 void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,
                     double* target, int stride);
 
-// sum (3 numbers) += Z^T c over the slots, c the numbers of `numbers` from first[s].
+// sum (3 numbers) += Z^T c over the slots, Z the block places[s] of `z`, c the numbers of `numbers` from
+// first[s].
 void add_transposed(int padded, int slots, const int* first, const int* places, const double* z,
                     const double* numbers, double* sum);
 

@@ -6,7 +6,9 @@
 #include <atomic>
 #include <cstdlib>
 #include <new>
+#include <vector>
 
+#include "support/instruction_sets.h"
 #include "support/test_scenes.h"
 
 namespace {
@@ -109,6 +111,17 @@ TEST_P(StandardStep, IsThatOfTheDenseSystem) {
   normal.diagonal() *= 1 + kDamping;
   const Eigen::VectorXd expected = normal.ldlt().solve(-jacobian.transpose() * r);
   EXPECT_LT((step - expected).norm(), 1e-5 * expected.norm());
+}
+
+TEST_P(StandardStep, InstructionSetsChangeNoBit) {
+  std::vector<Eigen::VectorXd> steps;
+  testing_support::for_each_instruction_set([&](const char*) {
+    StandardProblem problem(index_, options_, scene_, LensRole::kUnknown);
+    problem.linearize();
+    ASSERT_TRUE(problem.solve(1e-2).valid);
+    steps.push_back(problem.step());
+  });
+  for (const Eigen::VectorXd& step : steps) EXPECT_EQ(step, steps.front());
 }
 
 // No change of its numbers makes a fitted lens better.
