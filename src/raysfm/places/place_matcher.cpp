@@ -296,8 +296,10 @@ std::optional<RecognisedPlace> PlaceMatcher::recognise(const DescribedCorners& s
   const std::set<ImageCell> found = cells_of_matches(seen);
   place->keyframe = end.keyframe;
   place->log10_false_alarms += log10_found_by_chance(known, found);
-  place->found =
-      std::min(1.0, static_cast<double>(found.size()) / static_cast<double>(search_.looked_for.size()));
+  const size_t looked_for = search_.looked_for.size();
+  // Where nothing was left to be looked for, nothing more speaks for the pose.
+  if (looked_for > 0)
+    place->found = static_cast<double>(std::min(found.size(), looked_for)) / static_cast<double>(looked_for);
   return place;
 }
 

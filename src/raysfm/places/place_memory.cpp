@@ -151,7 +151,7 @@ std::optional<Meeting> PlaceMemory::meet_end(const PlaceRef& here, const Describ
   for (auto end = ends_.rbegin(); end != ends_.rend(); ++end) {
     if (end->world == here.world) continue;
     auto place = matcher_.recognise(seen, *worlds[end->world], *end, seed_, frame);
-    if (!is_sure(place, least) || !(place->found >= kLeastFound)) continue;
+    if (!is_sure(place, least) || place->found < kLeastFound) continue;
     const double false_alarms = place->log10_false_alarms;
     auto meeting = compare(here, seen, {end->world, end->keyframe}, *std::move(place), worlds);
     if (!meeting) continue;
