@@ -216,11 +216,11 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   SolveOptions options;
   options.lens = LensChange::kFixed;
   options.seed = settings.odometry.seed;
+  options.threads = thread_count(settings.threads);
   if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
   const PointTracks tracks = seen_by_keyframes(stretch);
   const std::vector<uint8_t> all(tracks.image_count, 1);
-  const auto found =
-      reconstruct_video(tracks, all, options, {.threads = thread_count(settings.threads), .stop = stop});
+  const auto found = reconstruct_video(tracks, all, options, {.stop = stop});
   const WideLensSearch wide = wide_lens_of(tracks, found, options, settings, is_early);
   if (wide.found) {
     const double posed = static_cast<double>(wide.found->posed) / tracks.image_count;

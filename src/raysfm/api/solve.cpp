@@ -66,6 +66,7 @@ SolveOptions options_of(const SolveSettings& settings, const std::atomic<bool>* 
   if (settings.distortion == "radial") options.radial = RadialChoice::kFree;
   options.max_error_px = settings.max_error;
   options.seed = settings.seed;
+  options.threads = thread_count(settings.threads);
   if (stop) options.go_on = [stop](const IterationInfo&) { return !stop->load(); };
   return options;
 }
@@ -99,11 +100,7 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
   if (photos) options.errors = ErrorRelation::kWithinImages;
   const bool many = photos && input.tracks.image_count > kMostInAllPairs;
   if (compared && !many) return reconstruct(input.tracks, options);
-  VideoOptions video{.in_order = !many,
-                     .start = start,
-                     .threads = thread_count(settings.threads),
-                     .progress = {},
-                     .stop = callbacks.stop};
+  VideoOptions video{.in_order = !many, .start = start, .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {
     video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }

@@ -20,28 +20,40 @@ using Tag = hn::CappedTag<double, 4>;
 using V = hn::Vec<Tag>;
 constexpr int kMaxPadded = 12;
 
-void ScaleSlots(int padded, int slots, const int* first, const int* places, const double* inverse,
-                const double* y, const double* all_w, double* all_z, double* right) {
+void ScaleSlots(int padded, int slots, const int* places, const double* inverse, const double* all_w,
+                double* all_z) {
   const Tag d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const V i00 = hn::Set(d, inverse[0]), i10 = hn::Set(d, inverse[1]), i11 = hn::Set(d, inverse[2]),
-          i20 = hn::Set(d, inverse[3]), i21 = hn::Set(d, inverse[4]), i22 = hn::Set(d, inverse[5]),
-          y0 = hn::Set(d, y[0]), y1 = hn::Set(d, y[1]), y2 = hn::Set(d, y[2]);
+          i20 = hn::Set(d, inverse[3]), i21 = hn::Set(d, inverse[4]), i22 = hn::Set(d, inverse[5]);
   for (int s = 0; s < slots; ++s) {
     const double* w = all_w + size_t{3} * padded * places[s];
     double* z = all_z + size_t{3} * padded * places[s];
-    double* to = right + first[s];
     for (int r = 0; r < padded; r += lanes) {
       const V w0 = hn::LoadU(d, w + r), w1 = hn::LoadU(d, w + padded + r),
               w2 = hn::LoadU(d, w + 2 * padded + r);
-      const V z0 = hn::Mul(w0, i00), z1 = hn::Add(hn::Mul(w0, i10), hn::Mul(w1, i11)),
-              z2 = hn::Add(hn::Add(hn::Mul(w0, i20), hn::Mul(w1, i21)), hn::Mul(w2, i22));
-      hn::StoreU(z0, d, z + r);
-      hn::StoreU(z1, d, z + padded + r);
-      hn::StoreU(z2, d, z + 2 * padded + r);
-      const V product = hn::Add(hn::Add(hn::Mul(z0, y0), hn::Mul(z1, y1)), hn::Mul(z2, y2));
-      hn::StoreU(hn::Sub(hn::LoadU(d, to + r), product), d, to + r);
+      hn::StoreU(hn::Mul(w0, i00), d, z + r);
+      hn::StoreU(hn::Add(hn::Mul(w0, i10), hn::Mul(w1, i11)), d, z + padded + r);
+      hn::StoreU(hn::Add(hn::Add(hn::Mul(w0, i20), hn::Mul(w1, i21)), hn::Mul(w2, i22)), d,
+                 z + 2 * padded + r);
     }
+  }
+}
+
+void SubtractProducts(int padded, int count, const double* all_z, const int* points, const double* all_y,
+                      double* right) {
+  const Tag d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int r = 0; r < padded; r += lanes) {
+    V rest = hn::LoadU(d, right + r);
+    const double* z = all_z + r;
+    for (int s = 0; s < count; ++s, z += 3 * padded) {
+      const double* y = all_y + size_t{3} * points[s];
+      const V z0 = hn::LoadU(d, z), z1 = hn::LoadU(d, z + padded), z2 = hn::LoadU(d, z + 2 * padded);
+      rest = hn::Sub(rest, hn::Add(hn::Add(hn::Mul(z0, hn::Set(d, y[0])), hn::Mul(z1, hn::Set(d, y[1]))),
+                                   hn::Mul(z2, hn::Set(d, y[2]))));
+    }
+    hn::StoreU(rest, d, right + r);
   }
 }
 
@@ -141,13 +153,19 @@ HWY_AFTER_NAMESPACE();
 namespace raysfm {
 
 HWY_EXPORT(ScaleSlots);
+HWY_EXPORT(SubtractProducts);
 HWY_EXPORT(SubtractPairs);
 HWY_EXPORT(AddTransposed);
 HWY_EXPORT(AddOuterProducts);
 
-void scale_point_slots(int padded, int slots, const int* first, const int* places, const double* inverse,
-                       const double* y, const double* w, double* z, double* right) {
-  HWY_DYNAMIC_DISPATCH(ScaleSlots)(padded, slots, first, places, inverse, y, w, z, right);
+void scale_point_slots(int padded, int slots, const int* places, const double* inverse, const double* w,
+                       double* z) {
+  HWY_DYNAMIC_DISPATCH(ScaleSlots)(padded, slots, places, inverse, w, z);
+}
+
+void subtract_products(int padded, int count, const double* z, const int* points, const double* y,
+                       double* right) {
+  HWY_DYNAMIC_DISPATCH(SubtractProducts)(padded, count, z, points, y, right);
 }
 
 void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,

@@ -4,8 +4,8 @@ namespace raysfm {
 
 // Kernels of PointElimination. The Z of a slot is three columns of `padded` numbers; those
 // beyond the rows of a camera block are zero. They take part in every sum, so that the vectors are whole:
-// right sides, targets and camera numbers have room for kEliminationSlack numbers more. No sum depends on the
-// width of the vectors: every instruction set gives the same bits.
+// targets and camera numbers have room for kEliminationSlack numbers more. No sum depends on the width of the
+// vectors: every instruction set gives the same bits.
 inline constexpr int kEliminationSlack = 8;
 constexpr int padded_rows(int block) {
   return block <= 8 ? 8 : 12;
@@ -16,10 +16,15 @@ struct EliminationPair {
   int row, column;
 };
 
-// Z = W L^-T and right[first] -= Z y for `slots` slots: of slot s, W and Z are the blocks places[s] of `w`
-// and `z`, and it belongs to rows first[s] of `right`. `inverse`: L^-1, lower by rows (6 numbers).
-void scale_point_slots(int padded, int slots, const int* first, const int* places, const double* inverse,
-                       const double* y, const double* w, double* z, double* right);
+// Z = W L^-T for `slots` slots: of slot s, W and Z are the blocks places[s] of `w` and `z`. `inverse`: L^-1,
+// lower by rows (6 numbers).
+void scale_point_slots(int padded, int slots, const int* places, const double* inverse, const double* w,
+                       double* z);
+
+// right (padded) -= sum of Z y over `count` slots whose Z lie one behind the other; of slot s, y is the 3
+// numbers points[s] of `y`.
+void subtract_products(int padded, int count, const double* z, const int* points, const double* y,
+                       double* right);
 
 // target (padded x columns, by columns `stride` apart) -= sum of the terms. padded: 8 or 12.
 void subtract_pairs(int padded, int columns, const double* z, const EliminationPair* pairs, int count,

@@ -106,6 +106,7 @@ class IntrinsicsFreeProblem {
   std::vector<Image> images_;
   std::vector<Eigen::Vector3d> in_camera_;  // of an observation
   std::vector<Eigen::Vector2d> invariant_;  // q of an observation
+  WorkTeam team_;
   PointElimination elimination_;
   Eigen::VectorXd pose_scale_;  // diagonal of A, poses
   Eigen::VectorXd gamma_;       // 6 for each image

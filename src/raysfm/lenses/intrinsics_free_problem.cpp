@@ -40,7 +40,12 @@ Matrix6d lambda_of_image(const Eigen::Matrix2d& g, double weight) {
 
 IntrinsicsFreeProblem::IntrinsicsFreeProblem(const ObservationIndex& index,
                                              const LensAdjustmentOptions& options, UncalibratedScene scene)
-    : index_(index), options_(options), scene_(std::move(scene)), trial_(scene_), weight_(index.weight) {
+    : index_(index),
+      options_(options),
+      scene_(std::move(scene)),
+      trial_(scene_),
+      weight_(index.weight),
+      team_(options.threads) {
   const int images = index_.image_count();
   images_.resize(images);
   in_camera_.resize(index_.size());

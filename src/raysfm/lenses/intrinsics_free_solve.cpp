@@ -39,7 +39,7 @@ void IntrinsicsFreeProblem::part_reduced_system() {
 
 // L, Y, y, Gamma and h of the class comment.
 bool IntrinsicsFreeProblem::find_low_rank(double damping) {
-  if (!elimination_.reduce(damping)) return false;
+  if (!elimination_.reduce(damping, team_)) return false;
   part_reduced_system();
   l_.diagonal() += damping * pose_scale_;
   Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(l_);
@@ -149,7 +149,7 @@ LmStep IntrinsicsFreeProblem::solve(double damping) {
     numbers.segment<6>(12 * j) = pose_steps_.segment<6>(6 * j);
     numbers.segment<6>(12 * j + 6) = z_.segment<6>(6 * j);
   }
-  elimination_.substitute(numbers);
+  elimination_.substitute(numbers, team_);
   double along = elimination_.gradient_along_step() + gamma_.dot(f_);
   for (int j = 0; j < images; ++j) {
     along += elimination_.gradient().segment<6>(12 * j).dot(pose_steps_.segment<6>(6 * j));

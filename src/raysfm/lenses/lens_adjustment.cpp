@@ -42,6 +42,8 @@ Result<void> check_sizes(const PointTracks& tracks, std::span<const double> weig
 
 Result<void> check_options(const LensAdjustmentOptions& options) {
   const LensConstraints& c = options.constraints;
+  if (options.threads < 1)
+    return bad_input("threads: " + std::to_string(options.threads) + ", allowed are 1 and more");
   if (!(options.constraint_weight > 0)) return bad_input("constraint_weight: must be above 0");
   if (!(c.principal_point_sigma >= 0)) return bad_input("principal_point_sigma: must be 0 or more");
   if (!c.principal_point.allFinite()) return bad_input("principal_point: must be two finite numbers");

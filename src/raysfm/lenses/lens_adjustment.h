@@ -44,6 +44,7 @@ struct LensAdjustmentOptions {
   int reweightings = 3;         // rounds with the weights of the loss held fixed; one when there is no loss
   bool with_sigma = true;       // compute lens_sigma
   bool with_influence = false;  // compute influence
+  int threads = 1;              // > 0; never changes a result
   LmOptions lm{.max_iterations = 100, .min_relative_decrease = 1e-6, .initial_damping = 1e-3};
 };
 

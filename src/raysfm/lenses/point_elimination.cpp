@@ -1,6 +1,7 @@
 #include "raysfm/lenses/point_elimination.h"
 
-#include <algorithm>
+#include <array>
+#include <atomic>
 #include <cassert>
 #include <cmath>
 #include <numeric>
@@ -38,22 +39,32 @@ void PointElimination::set_structure(int images, int block, int shared, std::spa
   point_steps_.resize(points());
   u_.resize(rows(), rows());
   gradient_.resize(rows());
-  reduced_.assign(size_t(rows()) * rows() + kSlack, 0.0);
+  stride_ = rows() + kSlack;
+  reduced_.assign(size_t(stride_) * rows() + kSlack, 0.0);
   right_.assign(rows() + kSlack, 0.0);
   numbers_.assign(rows() + kSlack, 0.0);
   list_pairs(image_of_slot);
 }
 
 void PointElimination::place_slots(std::span<const int> image_of_slot) {
-  std::vector<int> next(images_ + 1, 0);
-  for (const int image : image_of_slot) ++next[image + 1];
-  std::partial_sum(next.begin(), next.end(), next.begin());
+  place_begin_.assign(images_ + 1, 0);
+  for (const int image : image_of_slot) ++place_begin_[image + 1];
+  std::partial_sum(place_begin_.begin(), place_begin_.end(), place_begin_.begin());
+  std::vector<int> next = place_begin_;
   place_of_slot_.resize(slots());
-  for (int slot = 0; slot < slots(); ++slot) place_of_slot_[slot] = next[image_of_slot[slot]]++;
+  point_of_place_.resize(slots() + (shared_ > 0 ? points() : 0));
+  for (int point = 0; point < points(); ++point) {
+    for (int slot = point_begin_[point]; slot < point_begin_[point + 1]; ++slot) {
+      place_of_slot_[slot] = next[image_of_slot[slot]]++;
+      point_of_place_[place_of_slot_[slot]] = point;
+    }
+  }
+  if (shared_ == 0) return;
+  std::iota(point_of_place_.begin() + slots(), point_of_place_.end(), 0);
+  place_begin_.push_back(slots() + points());
 }
 
 void PointElimination::list_pairs(std::span<const int> image_of_slot) {
-  const int blocks = images_ + (shared_ > 0 ? 1 : 0);
   const auto each = [&](auto&& body) {
     for (int point = 0; point < points(); ++point) {
       const int begin = point_begin_[point], end = point_begin_[point + 1];
@@ -71,7 +82,7 @@ void PointElimination::list_pairs(std::span<const int> image_of_slot) {
       body(block_number(images_, images_), own, own);
     }
   };
-  pair_begin_.assign(block_number(blocks, 0) + 1, 0);
+  pair_begin_.assign(block_number(blocks(), 0) + 1, 0);
   each([&](int number, int, int) { ++pair_begin_[number + 1]; });
   std::partial_sum(pair_begin_.begin(), pair_begin_.end(), pair_begin_.begin());
   pairs_.resize(pair_begin_.back());
@@ -85,7 +96,6 @@ void PointElimination::list_pairs(std::span<const int> image_of_slot) {
 void PointElimination::set_zero() {
   u_.setZero();
   gradient_.setZero();
-  std::fill(w_.begin() + static_cast<ptrdiff_t>(offset(slots())), w_.end(), 0.0);
   std::fill(v_.begin(), v_.end(), Eigen::Matrix3d::Zero());
   std::fill(point_gradient_.begin(), point_gradient_.end(), Eigen::Vector3d::Zero());
 }
@@ -107,54 +117,75 @@ bool PointElimination::factorize_point(int point, double damping) {
   return true;
 }
 
-bool PointElimination::reduce(double damping) {
-  std::copy_n(u_.data(), u_.size(), reduced_.begin());
-  std::copy_n(gradient_.data(), gradient_.size(), right_.begin());
-  const int shared_row = images_ * block_;
-  for (int point = 0; point < points(); ++point) {
-    if (!factorize_point(point, damping)) return false;
-    const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
-    const double* inverse = &inverse_factor_[size_t(6) * point];
-    scale_point_slots(padded_, count, &first_row_[begin], &place_of_slot_[begin], inverse, y_[point].data(),
-                      w_.data(), z_.data(), right_.data());
-    if (shared_ == 0) continue;
-    const int own = slots() + point;
-    scale_point_slots(padded_, 1, &shared_row, &own, inverse, y_[point].data(), w_.data(), z_.data(),
-                      right_.data());
+// The Z of a point; false where its V is not positive definite.
+bool PointElimination::scale_point(int point, double damping) {
+  if (!factorize_point(point, damping)) return false;
+  const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
+  const double* inverse = &inverse_factor_[size_t(6) * point];
+  scale_point_slots(padded_, count, &place_of_slot_[begin], inverse, w_.data(), z_.data());
+  const int own = slots() + point;
+  if (shared_ > 0) scale_point_slots(padded_, 1, &own, inverse, w_.data(), z_.data());
+  return true;
+}
+
+// What belongs to the numbers of one block: their columns of S from the diagonal on, and their rows of s.
+void PointElimination::reduce_column(int block) {
+  const int first = block * block_, columns = block < images_ ? block_ : shared_;
+  for (int column = first; column < first + columns; ++column) {
+    const double* from = u_.data() + size_t(rows()) * column;
+    std::copy(from + first, from + rows(),
+              reduced_.begin() + static_cast<ptrdiff_t>(stride_) * column + first);
   }
-  const int blocks = images_ + (shared_ > 0 ? 1 : 0), stride = rows();
-  for (int row = 0; row < blocks; ++row) {
-    for (int column = 0; column <= row; ++column) {
-      const int first = pair_begin_[block_number(row, column)];
-      const int count = pair_begin_[block_number(row, column) + 1] - first;
-      if (count == 0) continue;
-      subtract_pairs(padded_, column < images_ ? block_ : shared_, z_.data(), &pairs_[first], count,
-                     &reduced_[size_t(stride) * block_ * column + size_t(block_) * row], stride);
+  std::array<double, padded_rows(kMaxBlock)> rest = {};
+  std::copy_n(gradient_.data() + first, columns, rest.begin());
+  const int place = place_begin_[block];
+  subtract_products(padded_, place_begin_[block + 1] - place, &z_[offset(place)], &point_of_place_[place],
+                    y_[0].data(), rest.data());
+  std::copy_n(rest.begin(), columns, right_.begin() + first);
+  for (int row = block; row < blocks(); ++row) {
+    const int begin = pair_begin_[block_number(row, block)];
+    const int count = pair_begin_[block_number(row, block) + 1] - begin;
+    if (count == 0) continue;
+    subtract_pairs(padded_, columns, z_.data(), &pairs_[begin], count,
+                   &reduced_[size_t(stride_) * first + size_t(block_) * row], stride_);
+  }
+}
+
+bool PointElimination::reduce(double damping, WorkTeam& team) {
+  std::atomic<bool> definite = true;
+  team.run(batches(), [&](int batch) {
+    for (int point = first_point(batch); point < first_point(batch + 1); ++point) {
+      if (!scale_point(point, damping)) definite.store(false, std::memory_order_relaxed);
     }
-  }
+  });
+  if (!definite) return false;
+  team.run(blocks(), [&](int block) { reduce_column(block); });
   return true;
 }
 
 bool PointElimination::factorize() {
-  return factorize_dense(rows(), reduced_.data(), rows());
+  return factorize_dense(rows(), reduced_.data(), stride_);
 }
 
-void PointElimination::substitute(const Eigen::VectorXd& c) {
-  std::copy_n(c.data(), rows(), numbers_.begin());
-  const int shared_row = images_ * block_;
-  for (int point = 0; point < points(); ++point) {
-    Eigen::Vector3d sum = y_[point];
-    const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
-    add_transposed(padded_, count, &first_row_[begin], &place_of_slot_[begin], z_.data(), numbers_.data(),
-                   sum.data());
-    if (shared_ > 0) {
-      const int own = slots() + point;
-      add_transposed(padded_, 1, &shared_row, &own, z_.data(), numbers_.data(), sum.data());
-    }
-    const double* i = &inverse_factor_[size_t(6) * point];
-    point_steps_[point] = {-(i[0] * sum[0] + i[1] * sum[1] + i[3] * sum[2]), -(i[2] * sum[1] + i[4] * sum[2]),
-                           -i[5] * sum[2]};
+void PointElimination::substitute_point(int point) {
+  Eigen::Vector3d sum = y_[point];
+  const int begin = point_begin_[point], count = point_begin_[point + 1] - begin;
+  add_transposed(padded_, count, &first_row_[begin], &place_of_slot_[begin], z_.data(), numbers_.data(),
+                 sum.data());
+  if (shared_ > 0) {
+    const int own = slots() + point, shared_row = images_ * block_;
+    add_transposed(padded_, 1, &shared_row, &own, z_.data(), numbers_.data(), sum.data());
   }
+  const double* i = &inverse_factor_[size_t(6) * point];
+  point_steps_[point] = {-(i[0] * sum[0] + i[1] * sum[1] + i[3] * sum[2]), -(i[2] * sum[1] + i[4] * sum[2]),
+                         -i[5] * sum[2]};
+}
+
+void PointElimination::substitute(const Eigen::VectorXd& c, WorkTeam& team) {
+  std::copy_n(c.data(), rows(), numbers_.begin());
+  team.run(batches(), [&](int batch) {
+    for (int point = first_point(batch); point < first_point(batch + 1); ++point) substitute_point(point);
+  });
 }
 
 double PointElimination::gradient_along_step() const {

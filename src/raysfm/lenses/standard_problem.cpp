@@ -1,8 +1,10 @@
 #include "raysfm/lenses/standard_problem.h"
 
 #include <Eigen/Cholesky>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace raysfm {
 namespace {
@@ -29,7 +31,10 @@ StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjust
       scene_(std::move(scene)),
       trial_(scene_),
       radial_(options.radial),
-      trial_radial_(radial_) {
+      trial_radial_(radial_),
+      image_costs_(index.image_count()),
+      lens_terms_(index.image_count()),
+      team_(options.threads) {
   const Eigen::MatrixXd basis = lens_basis(options.constraints);
   free_ = static_cast<int>(basis.cols());
   basis_.leftCols(free_) = basis;
@@ -56,19 +61,25 @@ double StandardProblem::start_cost() {
   return fitted;
 }
 
-bool StandardProblem::project(const UncalibratedScene& scene) {
+bool StandardProblem::project_image(int j, const UncalibratedScene& scene) {
   constexpr double kMinCosine = 1e-6;
-  for (int j = 0; j < index_.image_count(); ++j) {
-    const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
-    const Eigen::Vector3d translation = scene.cam_from_world[j].translation;
-    for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
-      const Eigen::Vector3d x = rotation * scene.points[index_.point_of[o]] + translation;
-      if (!(x.z() > 0 && x.z() * x.z() > kMinCosine * kMinCosine * x.squaredNorm())) return false;
-      const double depth = 1 / x.z();
-      in_view_[o] = {depth * x.x(), depth * x.y(), depth};
-    }
+  const Eigen::Matrix3d rotation = scene.cam_from_world[j].rotation.toRotationMatrix();
+  const Eigen::Vector3d translation = scene.cam_from_world[j].translation;
+  for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+    const Eigen::Vector3d x = rotation * scene.points[index_.point_of[o]] + translation;
+    if (!(x.z() > 0 && x.z() * x.z() > kMinCosine * kMinCosine * x.squaredNorm())) return false;
+    const double depth = 1 / x.z();
+    in_view_[o] = {depth * x.x(), depth * x.y(), depth};
   }
   return true;
+}
+
+bool StandardProblem::project(const UncalibratedScene& scene) {
+  std::atomic<bool> in_front = true;
+  team_.run(index_.image_count(), [&](int j) {
+    if (!project_image(j, scene)) in_front.store(false, std::memory_order_relaxed);
+  });
+  return in_front;
 }
 
 // The change of the free numbers that brings the cost to its least, for points where they project.
@@ -112,18 +123,23 @@ Eigen::Vector2d StandardProblem::predicted(const Lens& lens, int observation,
   return lens.pixel(radial.none() ? m : radial(m));
 }
 
+double StandardProblem::image_cost(int j, const Lens& lens, const RadialDistortion& radial) const {
+  double sum = 0;
+  for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
+    sum += index_.weight[o] * (predicted(lens, o, radial) - index_.pixel[o]).squaredNorm();
+  }
+  return sum;
+}
+
 double StandardProblem::cost(UncalibratedScene* scene, const RadialDistortion& radial) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   if (!project(*scene)) return kNever;
   if (fitting_) fit_lenses(scene);
-  double sum = 0;
-  for (int j = 0; j < index_.image_count(); ++j) {
-    const Lens& lens = scene->lenses[j];
+  for (const Lens& lens : scene->lenses) {
     if (!(lens.fx > 0 && lens.fy > 0)) return kNever;
-    for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
-      sum += index_.weight[o] * (predicted(lens, o, radial) - index_.pixel[o]).squaredNorm();
-    }
   }
+  team_.run(index_.image_count(), [&](int j) { image_costs_[j] = image_cost(j, scene->lenses[j], radial); });
+  double sum = std::accumulate(image_costs_.begin(), image_costs_.end(), 0.0);
   for (int j = 0; j < lens_count() && expected_.any(); ++j) {
     sum += expected_.weight.dot((scene->lenses[j].vector() - expected_.mean).cwiseAbs2());
   }
@@ -159,6 +175,11 @@ void StandardProblem::jacobians(const Lens& lens, int observation, Matrix26d* by
   by_numbers->leftCols(free_) = by_lens(seen.x(), seen.y()) * basis_.leftCols(free_);
 }
 
+// What an observation adds to the sums of its point: derivatives by the point, of x and of y; its residual
+// times its weight; its weight; derivatives by the numbers of the lens, of x and of y.
+using PointTerms = Eigen::Map<Eigen::Matrix<double, 23, 1>>;
+static_assert(PointTerms::SizeAtCompileTime <= PointElimination::kRoom);
+
 // One row of a Jacobian: the pose's six columns, then those of the numbers of the lens; the rest is zero.
 using JacobianRow = Eigen::Matrix<double, kJacobianRow, 1>;
 
@@ -171,7 +192,6 @@ void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
   u.setZero();
   JacobianRow gradient = JacobianRow::Zero();
   for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {
-    const int point = index_.point_of[o];
     const double w = index_.weight[o];
     const Eigen::Vector2d r = w * (predicted(lens, o, radial_) - index_.pixel[o]);
     Matrix26d j_pose;
@@ -184,25 +204,43 @@ void StandardProblem::linearize_image(int j, const UncalibratedScene& scene) {
 
     add_outer_products(by_x.data(), by_y.data(), w, columns, u.data());
     gradient += by_x * r.x() + by_y * r.y();
-    elimination_.v(point).noalias() += j_point.transpose() * weighted_point;
-    elimination_.point_gradient(point).noalias() += j_point.transpose() * r;
     PointElimination::Cross cross = elimination_.w(index_.slot_of[o]);
     for (int k = 0; k < 3; ++k) {
       const JacobianRow column = by_x * weighted_point(0, k) + by_y * weighted_point(1, k);
       if (shared()) {
         cross.col(k) = column.head<6>();
-        elimination_.shared_w(point).col(k) += column.segment(6, numbers_);
       } else {
         cross.col(k) = column.head(columns);
       }
     }
+    PointTerms(elimination_.room(index_.slot_of[o])) << j_point.row(0).transpose(),
+        j_point.row(1).transpose(), r, w, j_lens.row(0).transpose(), j_lens.row(1).transpose();
   }
-  const int first = block_ * j, lens_first = lens_rows(j);
+  const int first = block_ * j;
   elimination_.u().block<6, 6>(first, first) = u.topLeftCorner<6, 6>();
-  elimination_.u().block(lens_first, first, numbers_, 6) = u.block(6, 0, numbers_, 6);
-  elimination_.u().block(lens_first, lens_first, numbers_, numbers_) += u.block(6, 6, numbers_, numbers_);
+  elimination_.u().block(lens_rows(j), first, numbers_, 6) = u.block(6, 0, numbers_, 6);
   elimination_.gradient().segment<6>(first) = gradient.head<6>();
-  elimination_.gradient().segment(lens_first, numbers_) += gradient.segment(6, numbers_);
+  lens_terms_[j] << u.block<7, 7>(6, 6), gradient.segment<7>(6);
+}
+
+// The terms of all that see a point.
+void StandardProblem::sum_point(int point) {
+  Eigen::Matrix3d v = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  Eigen::Matrix<double, 7, 3> by_lens = Eigen::Matrix<double, 7, 3>::Zero();
+  for (int slot = index_.point_begin[point]; slot < index_.point_begin[point + 1]; ++slot) {
+    const PointTerms terms(elimination_.room(slot));
+    const Eigen::Map<const Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> j_point(terms.data());
+    const Eigen::Matrix<double, 2, 3> weighted_point = terms[8] * j_point;
+    v.noalias() += j_point.transpose() * weighted_point;
+    gradient.noalias() += j_point.transpose() * terms.segment<2>(6);
+    if (!shared()) continue;
+    by_lens.noalias() += terms.segment<7>(9) * weighted_point.row(0);
+    by_lens.noalias() += terms.segment<7>(16) * weighted_point.row(1);
+  }
+  elimination_.v(point) = v;
+  elimination_.point_gradient(point) = gradient;
+  if (shared()) elimination_.shared_w(point) = by_lens.topRows(numbers_);
 }
 
 void StandardProblem::add_priors(const UncalibratedScene& scene) {
@@ -218,7 +256,16 @@ void StandardProblem::add_priors(const UncalibratedScene& scene) {
 
 void StandardProblem::normal_equations(const UncalibratedScene& scene) {
   elimination_.set_zero();
-  for (int j = 0; j < index_.image_count(); ++j) linearize_image(j, scene);
+  team_.run(index_.image_count(), [&](int j) { linearize_image(j, scene); });
+  team_.run(elimination_.batches(), [&](int batch) {
+    for (int i = elimination_.first_point(batch); i < elimination_.first_point(batch + 1); ++i) sum_point(i);
+  });
+  for (int j = 0; j < index_.image_count(); ++j) {
+    const int first = lens_rows(j);
+    elimination_.u().block(first, first, numbers_, numbers_) +=
+        lens_terms_[j].topLeftCorner(numbers_, numbers_);
+    elimination_.gradient().segment(first, numbers_) += lens_terms_[j].col(7).head(numbers_);
+  }
   if (expected_.any()) add_priors(scene);
   damping_scale_ = elimination_.u().diagonal();
   if (role_ == LensRole::kUnknown) return;
@@ -234,7 +281,7 @@ double StandardProblem::linearize() {
 
 // The factor takes the place of the reduced system.
 bool StandardProblem::factorize(double damping) {
-  if (!elimination_.reduce(damping)) return false;
+  if (!elimination_.reduce(damping, team_)) return false;
   elimination_.reduced().diagonal() += damping * damping_scale_;
   return elimination_.factorize();
 }
@@ -245,7 +292,7 @@ LmStep StandardProblem::solve(double damping) {
   steps_ = -elimination_.right();
   elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(steps_);
   elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(steps_);
-  elimination_.substitute(steps_);
+  elimination_.substitute(steps_, team_);
   const double along = elimination_.gradient_along_step() + elimination_.gradient().dot(steps_);
   const double damped = damping * (elimination_.scaled_step_norm() + damping_scale_.dot(steps_.cwiseAbs2()));
   const double decrease = 0.5 * (damped - along);
@@ -316,11 +363,11 @@ Eigen::Matrix<double, 7, Eigen::Dynamic> StandardProblem::influences() {
   elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(answers);
   Eigen::MatrixXd moves = Eigen::MatrixXd::Zero(numbers_, index_.point_count());
   std::vector<Eigen::Vector3d> at_rest(index_.point_count());
-  elimination_.substitute(Eigen::VectorXd::Zero(elimination_.rows()));
+  elimination_.substitute(Eigen::VectorXd::Zero(elimination_.rows()), team_);
   for (int i = 0; i < index_.point_count(); ++i) at_rest[i] = elimination_.point_step(i);
   for (int number = 0; number < numbers_; ++number) {
     const Eigen::VectorXd answer = answers.col(number);
-    elimination_.substitute(answer);
+    elimination_.substitute(answer, team_);
     for (int j = 0; j < index_.image_count(); ++j) {
       const Eigen::Matrix3d rotation = scene_.cam_from_world[j].rotation.toRotationMatrix();
       for (int o = index_.image_begin[j]; o < index_.image_begin[j + 1]; ++o) {

@@ -71,11 +71,14 @@ class StandardProblem {
   Eigen::Vector2d predicted(const Lens& lens, int observation, const RadialDistortion& radial) const;
   void jacobians(const Lens& lens, int observation, Matrix26d* by_pose, Matrix27d* by_lens) const;
   bool project(const UncalibratedScene& scene);
+  bool project_image(int j, const UncalibratedScene& scene);
+  double image_cost(int j, const Lens& lens, const RadialDistortion& radial) const;
   void fit_lenses(UncalibratedScene* scene) const;
   double cost(UncalibratedScene* scene, const RadialDistortion& radial);
   double start_cost();
   void normal_equations(const UncalibratedScene& scene);
   void linearize_image(int j, const UncalibratedScene& scene);
+  void sum_point(int point);
   void add_priors(const UncalibratedScene& scene);
   bool factorize(double damping);
 
@@ -94,6 +97,10 @@ class StandardProblem {
   int block_ = 6;
   std::vector<Eigen::Vector3d>
       in_view_;  // of an observation: x / z, y / z, 1 / z, where the cost was taken last
+  std::vector<double> image_costs_;
+  // Of an image, what it adds to the normal equations of the numbers of lenses: matrix, then gradient.
+  std::vector<Eigen::Matrix<double, 7, 8>> lens_terms_;
+  WorkTeam team_;
   PointElimination elimination_;
   Eigen::VectorXd damping_scale_;  // diagonal of U, 0 for dependent lenses
   Eigen::VectorXd steps_;          // of the camera numbers

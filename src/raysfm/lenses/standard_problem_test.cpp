@@ -124,6 +124,20 @@ TEST_P(StandardStep, InstructionSetsChangeNoBit) {
   for (const Eigen::VectorXd& step : steps) EXPECT_EQ(step, steps.front());
 }
 
+TEST_P(StandardStep, ThreadsChangeNoBit) {
+  for (const LensRole role : {LensRole::kUnknown, LensRole::kDependent}) {
+    std::vector<Eigen::VectorXd> steps;
+    for (const int threads : {1, 3}) {
+      options_.threads = threads;
+      StandardProblem problem(index_, options_, scene_, role);
+      problem.linearize();
+      ASSERT_TRUE(problem.solve(1e-2).valid);
+      steps.push_back(problem.step());
+    }
+    EXPECT_EQ(steps[0], steps[1]);
+  }
+}
+
 // No change of its numbers makes a fitted lens better.
 TEST_P(StandardStep, DependentLensesFitBest) {
   StandardProblem problem(index_, options_, scene_, LensRole::kDependent);

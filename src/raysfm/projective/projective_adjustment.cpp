@@ -45,13 +45,13 @@ class ProjectiveProblem {
   }
 
   LmStep solve(double damping) {
-    if (!elimination_.reduce(damping)) return {};
+    if (!elimination_.reduce(damping, team_)) return {};
     elimination_.reduced().diagonal() += damping * elimination_.u().diagonal();
     if (!elimination_.factorize()) return {};
     steps_ = -elimination_.right();
     elimination_.reduced().triangularView<Eigen::Lower>().solveInPlace(steps_);
     elimination_.reduced().triangularView<Eigen::Lower>().transpose().solveInPlace(steps_);
-    elimination_.substitute(steps_);
+    elimination_.substitute(steps_, team_);
     const double along = elimination_.gradient_along_step() + elimination_.gradient().dot(steps_);
     const double damped =
         damping * (elimination_.scaled_step_norm() + elimination_.u().diagonal().dot(steps_.cwiseAbs2()));
@@ -128,6 +128,7 @@ class ProjectiveProblem {
   const RobustLoss loss_;
   ProjectiveScene scene_, trial_;
   double cost_ = 0, trial_cost_ = 0;
+  WorkTeam team_;  // of one
   PointElimination elimination_;
   Eigen::VectorXd steps_;
 };

@@ -14,8 +14,13 @@ namespace {
 // others by 0.3 % at most.
 constexpr double kTails = 2;
 constexpr int kReweightings = 6;
+// Where the width changes by a smaller part, the weights have settled.
+constexpr double kSettledWidth = 1e-3;
 constexpr double kLeastWidth = 1e-4;  // pixels
-constexpr int kRadialTerms = 2;       // k1, k2
+// Decrease of the cost, as a part of it, that ends an adjustment: of one whose weights are renewed
+// afterwards, and of the last.
+constexpr double kEnough = 1e-3, kEnoughAtLast = 1e-5;
+constexpr int kRadialTerms = 2;  // k1, k2
 
 struct TrackResiduals {
   std::vector<double> square;  // sums over the observations of a point
@@ -117,11 +122,16 @@ LensAdjustmentOptions adjustment_from_near(const PointTracks& tracks, const Solv
   adjustment.constraints = constraints_for(tracks, options, true);
   adjustment.radial_terms = radial_terms;
   adjustment.with_sigma = false;
+  adjustment.threads = options.threads;
   adjustment.lm.initial_damping = 1e-6;
   adjustment.lm.max_iterations = 10;
-  adjustment.lm.min_relative_decrease = 1e-5;
+  adjustment.lm.min_relative_decrease = kEnough;
   adjustment.lm.progress = &options.go_on;
   return adjustment;
+}
+
+RadialDistortion first_terms(const RadialDistortion& radial, int terms) {
+  return {terms > 0 ? radial.k1 : 0, terms > 1 ? radial.k2 : 0};
 }
 
 LensNumbers numbers_of(const UncalibratedScene& scene, const RadialDistortion& radial) {
@@ -140,16 +150,20 @@ Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8
   LensAdjustmentOptions adjustment = adjustment_from_near(tracks, options, radial_terms);
   std::vector<double> weights(tracks.size());
   int iterations = 0;
-  double correction = 1;
-  for (int i = 0; i < kReweightings; ++i) {
+  double correction = 1, last_width = 0;
+  bool last = false;
+  for (int i = 0; !last; ++i) {
     const TrackResiduals r = residuals_by_track(tracks, used, result.scene, result.radial);
     const double width = fitted_width(r);
+    last = i + 1 == kReweightings || std::abs(width - last_width) < kSettledWidth * width;
+    last_width = width;
     correction = slope_correction(r, width);
     for (int k = 0; k < tracks.size(); ++k)
       weights[k] = used[k] ? weight_of_track(r, tracks.point[k], width) : 0;
     adjustment.constraints = constraints_for(tracks, options, true, width);
-    adjustment.radial = result.radial;
-    adjustment.with_influence = i + 1 == kReweightings;
+    adjustment.radial = first_terms(result.radial, radial_terms);
+    adjustment.with_influence = last;
+    adjustment.lm.min_relative_decrease = last ? kEnoughAtLast : kEnough;
     auto summary = adjust_standard(tracks, weights, adjustment, &result.scene);
     if (!summary) return summary.error();
     result.radial = summary->radial;
@@ -195,8 +209,7 @@ Result<OneLens> adjust_one_lens_as_told(const PointTracks& tracks, std::span<con
     const double last = terms == 2 ? free->radial.k2 : free->radial.k1;
     const double effect = last * focal * std::pow(corner / focal, 2 * terms + 1);
     if (is_told(last, free->sigma[4 + terms], effect)) return free;
-    const RadialDistortion left{terms == 2 ? free->radial.k1 : 0, 0};
-    auto fewer = adjust_one_lens_widened(tracks, used, options, terms - 1, free->scene, left);
+    auto fewer = adjust_one_lens_widened(tracks, used, options, terms - 1, free->scene, free->radial);
     if (!fewer) return free;
     if (terms == 1) {
       const LensNumbers change = numbers_of(free->scene, free->radial) - numbers_of(fewer->scene, {});

@@ -24,7 +24,8 @@ struct OneLens {
 // Adjusts poses, points, one lens and so many coefficients of its distortion, k1 before k2, from `start`, by
 // the observations marked `used`. Corners followed through a video are mostly right to a tenth of a pixel and
 // now and then wrong by pixels, all of a track together: the weights of the tracks are those of Student's
-// distribution, one scale for each track, its width found from the residuals.
+// distribution, one scale for each track, its width found from the residuals; first from those of the start
+// with all of its distortion, so that weights and not the lens begin with what is no unknown.
 //
 // The standard deviations are those of the influences of independent groups of observations: tracks, or all
 // tracks that begin in one image and live through the same images, whichever is more. Errors along a track,

@@ -80,6 +80,44 @@ TEST(OneLens, IsFoundWithItsDistortion) {
   EXPECT_LT(lens->sigma[0], 0.002 * kFocal);
 }
 
+TEST(OneLens, ThreadsChangeNoBit) {
+  Footage footage = film({-0.1, 0});
+  Rng rng(17);
+  add_pixel_noise(0.1, &rng, &footage.tracks);
+  std::vector<LensNumbers> lenses, sigmas;
+  std::vector<Eigen::Vector3d> points;
+  for (const int threads : {1, 2, 5}) {
+    SolveOptions options;
+    options.threads = threads;
+    const auto lens = adjust_one_lens_as_told(footage.tracks, footage.used, options, footage.truth);
+    ASSERT_TRUE(lens.ok()) << lens.error().message;
+    LensNumbers numbers;
+    numbers << lens->scene.lenses[0].vector(), lens->radial.k1, lens->radial.k2;
+    lenses.push_back(numbers), sigmas.push_back(lens->sigma);
+    points.push_back(lens->scene.points.back());
+  }
+  for (size_t i = 1; i < lenses.size(); ++i) {
+    EXPECT_EQ(lenses[i], lenses[0]);
+    EXPECT_EQ(sigmas[i], sigmas[0]);
+    EXPECT_EQ(points[i], points[0]);
+  }
+}
+
+// Where a coefficient was left out, the weights begin with the residuals that it leaves: they are right at
+// once, and a lens that is far from its own distortion has few good tracks to begin with.
+TEST(OneLens, WeightsBeginWithAllOfTheDistortion) {
+  const RadialDistortion truth{-0.05, 0.02};
+  Footage footage = film(truth);
+  Rng rng(19);
+  add_pixel_noise(0.1, &rng, &footage.tracks);
+  const auto warm = adjust_one_lens(footage.tracks, footage.used, {}, 1, footage.truth, truth);
+  const auto cold = adjust_one_lens(footage.tracks, footage.used, {}, 1, footage.truth, {truth.k1, 0});
+  ASSERT_TRUE(warm.ok() && cold.ok());
+  EXPECT_EQ(warm->radial.k2, 0);
+  EXPECT_LT(std::abs(warm->scene.lenses[0].fx - cold->scene.lenses[0].fx), 0.3 * cold->sigma[0]);
+  EXPECT_LT(warm->adjustment.lm.iterations, cold->adjustment.lm.iterations);
+}
+
 TEST(OneLens, WithoutDistortionIsNotGivenOne) {
   constexpr int kTrials = 20;
   int given = 0;

@@ -49,6 +49,7 @@ struct SolveOptions {
   double focal = 0, focal_sigma = 0;
   int max_samples = 2000;  // of each RANSAC, > 0
   uint64_t seed = 0;
+  int threads = 1;  // > 0; never changes a result
   // Asked in every long loop, from any thread; false: end with what there is, or with none. Empty: to the
   // end.
   ProgressCallback go_on = {};

@@ -45,6 +45,7 @@ LensAdjustmentOptions adjustment_of(const PointTracks& tracks, const SolveOption
   adjustment.constraints = constraints_for(tracks, options, equal);
   adjustment.method = options.constraints;
   adjustment.with_sigma = false;
+  adjustment.threads = options.threads;
   adjustment.lm.progress = &options.go_on;
   return adjustment;
 }

@@ -183,6 +183,7 @@ LensAdjustmentOptions VideoGrowth::adjustment_options() const {
   adjustment.method = options_.constraints;
   adjustment.loss = {RobustLoss::Kind::kHuber, options_.max_error_px / 3};
   adjustment.with_sigma = false;
+  adjustment.threads = options_.threads;
   adjustment.lm.progress = &options_.go_on;
   return adjustment;
 }
@@ -245,7 +246,8 @@ void VideoGrowth::widen_sigma(ThreadPool* pool) {
   pool->parallel_for(kGroups, [&](int group) {
     LensAdjustmentOptions adjustment = adjustment_options();
     adjustment.loss.kind = RobustLoss::Kind::kNone;  // the weights have it in them
-    adjustment.lm.initial_damping = 1e-6;            // near the bottom
+    adjustment.threads = 1;
+    adjustment.lm.initial_damping = 1e-6;  // near the bottom
     std::vector<double> weights = all;
     for (size_t k = 0; k < weights.size(); ++k) {
       if (group_of[in_keyframes_.point[k]] == group) weights[k] = 0;

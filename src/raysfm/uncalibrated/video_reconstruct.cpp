@@ -207,10 +207,11 @@ Result<void> finish_lenses(const PointTracks& tracks, std::span<const uint8_t> k
 Result<void> finish_one_lens(const PointTracks& tracks, std::span<const uint8_t> keyframe,
                              const SolveOptions& options, const GrowthControl& control, VideoGrowth* growth,
                              UncalibratedReconstruction* result) {
-  if (auto r = growth->finish(); !r) return r;
-  for (int round = 0; round < 2 && !control.stopped() && !options.stopped(); ++round) {
+  const auto stopped = [&] { return control.stopped() || options.stopped(); };
+  if (stopped()) return growth->finish();
+  for (int round = 0; round < 2; ++round) {
     if (round > 0) {  // what the distortion kept out may come in now
-      if (result->radial.none()) break;
+      if (result->radial.none() || stopped()) break;
       const PointTracks ideal = ideal_tracks(tracks, *result);
       if (auto r = VideoGrowth(ideal, keyframe, options, result).grow(control); !r) return r;
     }
@@ -303,6 +304,7 @@ Result<UncalibratedReconstruction> build_both(const PointTracks& tracks, std::sp
   pool->parallel_for(2, [&](int i) {
     SolveOptions own = options;
     own.lens = i == 0 ? LensChange::kFixed : LensChange::kZoom;
+    own.threads = std::max(1, options.threads / 2);
     const auto progress = [&, i](int count) {
       const std::lock_guard lock(mutex);
       posed[i] = count;
@@ -370,7 +372,7 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
     const HopelessMotion hopeless = hopeless_motion(shares);
     if (!hopeless.name.empty()) return no_reconstruction(hopeless.name + ": " + hopeless.why);
   }
-  ThreadPool pool(video.threads - 1);
+  ThreadPool pool(options.threads - 1);
   Result<UncalibratedReconstruction> result = options.lens == LensChange::kAuto
                                                   ? build_both(tracks, keyframe, options, video, &pool)
                                                   : build_one(tracks, keyframe, options, video);

@@ -18,7 +18,6 @@ struct VideoOptions {
   bool in_order = true;
   // A reconstruction of a part of the images to go on from; null: there is none.
   const UncalibratedReconstruction* start = nullptr;
-  int threads = 1;  // > 0; never changes a result
   // Key frames with a pose, of all; one call at a time, from any thread.
   std::function<void(int posed, int keyframes)> progress = nullptr;
   const std::atomic<bool>* stop = nullptr;  // set: ends early with what there is

@@ -175,8 +175,8 @@ TEST(ReconstructVideo, NoDistortionIsFoundWhereThereIsNone) {
 
 TEST(ReconstructVideo, AnyNumberOfThreadsGivesTheSameBits) {
   const Walk walk = make_walk(40, 0.2, 0.3);
-  const auto one = reconstruct_video(walk.tracks, walk.keyframe, {}, {.threads = 1});
-  const auto three = reconstruct_video(walk.tracks, walk.keyframe, {}, {.threads = 3});
+  const auto one = reconstruct_video(walk.tracks, walk.keyframe, {.threads = 1});
+  const auto three = reconstruct_video(walk.tracks, walk.keyframe, {.threads = 3});
   ASSERT_TRUE(one.ok() && three.ok());
   for (size_t j = 0; j < walk.truth.lenses.size(); ++j) {
     EXPECT_EQ(one->scene.lenses[j].vector(), three->scene.lenses[j].vector());
