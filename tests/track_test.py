@@ -707,6 +707,24 @@ cameras:
         readout = re.search(r"readout_ms: ([\d.]+), direction: down", (self.out / "camera.yaml").read_text())
         self.assertAlmostEqual(float(readout[1]) / (1000 * 0.033 * 20), 1, delta=0.1)
 
+    def test_a_crop(self):
+        """The optical axis of cropped images meets them far from the middle: a stretch alone is not believed that, a map that says the same is."""
+        camera = self.file("crop.yaml", """raysfm_camera: 1
+cameras:
+  - {name: c, model: pinhole, resolution: [400, 300], intrinsics: {fx: 320, fy: 320, cx: 255, cy: 131}}
+""")
+        room = self.folder / "room"
+        done = run("synth", "room", "--motion", "handheld", "--frames", 120, "--samples", 1, "--noise", 1, "--camera", camera, "--out", room, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.track(room / "images")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertGreaterEqual(report["frames"]["posed"], 114)
+        number = dict(re.findall(r"(fx|cx|cy): ([\d.]+)", (self.out / "camera.yaml").read_text().split("intrinsics")[1]))
+        self.assertAlmostEqual(float(number["fx"]), 320, delta=3)
+        self.assertAlmostEqual(float(number["cx"]), 255, delta=3)
+        self.assertAlmostEqual(float(number["cy"]), 131, delta=3)
+
     def test_threads_change_nothing(self):
         for threads in (1, 3):
             done = self.track(STREET / "images", "--threads", threads, out=self.folder / str(threads))

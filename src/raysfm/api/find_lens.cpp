@@ -238,7 +238,10 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   if (is_aside(*found, stretch.tracks, options)) {
     return {{},
             fmt::format("the optical axis would meet the image {:.0f} % of its size from its middle",
-                        100 * centre_aside(*found, stretch.tracks))};
+                        100 * centre_aside(*found, stretch.tracks)),
+            true,
+            false,
+            telling.lens};
   }
   const bool is_wide = !wide_lens_warning(telling.lens->camera()).empty();
   telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;

@@ -30,6 +30,9 @@ constexpr double kAgree = 0.03, kMostlyPosed = 0.5;
 // Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
 // how much the map made from there may end apart.
 constexpr double kMostVague = 0.2, kNear = 0.1;
+// As parts of the larger side: by how much the principal point may move, and what makes one as far from the
+// middle as a crop does.
+constexpr double kCentreStays = 0.03, kFarAside = 0.12;
 
 // Ends a run after so many frames, or with the run that it is a part of.
 class FrameLimit : public TrackWatcher {
@@ -90,6 +93,22 @@ std::optional<FoundLens> agreement(const std::vector<FoundLens>& found) {
   return best;
 }
 
+// Where the optical axis meets the image, as parts of its larger side from the middle.
+Eigen::Vector2d centre_of(const FoundLens& lens) {
+  const Camera& camera = lens.rig.cameras[0];
+  const Eigen::Vector2d size(camera.width, camera.height);
+  Eigen::Vector2d centre;
+  if (!camera.project(Eigen::Vector3d::UnitZ(), &centre)) return Eigen::Vector2d::Zero();
+  return (centre - 0.5 * (size - Eigen::Vector2d::Ones())) / size.maxCoeff();
+}
+
+// Whether an optical axis that is far from the middle of the images stays there: those of a crop do. Where a
+// rolling shutter that turns on the spot, or another lens, made it seem so, tracking has other reasons.
+bool centre_holds(const FoundLens& vague, const FoundLens& refined) {
+  const Eigen::Vector2d before = centre_of(vague);
+  return before.norm() <= kFarAside || (centre_of(refined) - before).norm() <= kCentreStays;
+}
+
 // From what a stretch says; none where its map says something else.
 std::optional<FoundLens> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
                                        const FoundLens& vague) {
@@ -97,7 +116,7 @@ std::optional<FoundLens> refined_vague(const TrackSettings& settings, const Trac
   std::optional<FoundLens> lens = refined_guess(settings, callbacks, vague);
   if (!lens) return std::nullopt;
   const double off = apart(*lens, vague);
-  if (off > kNear) return std::nullopt;
+  if (off > kNear || !centre_holds(vague, *lens)) return std::nullopt;
   doubt(off, &*lens);
   return lens;
 }

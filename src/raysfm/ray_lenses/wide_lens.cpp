@@ -48,14 +48,18 @@ int64_t explained_by(const RayReconstruction& r) {
   return std::isfinite(r.sigma.focal) ? std::ranges::count(r.inlier, 1) : 0;
 }
 
-// Of those that reach enough images the one that explains most, the first where that is nearly all; else the
-// one that reaches most.
-RayReconstruction best_guess(const PointTracks& tracks, double enough, const RayOptions& options) {
+// Of those that reach enough images the one that explains most, the first where that is nearly all, or as
+// much as another lens explains by one that is surely told; else the one that reaches most.
+RayReconstruction best_guess(const PointTracks& tracks, double enough, int64_t by_other,
+                             const RayOptions& options) {
   RayReconstruction best;
   int64_t most = -1;
+  const auto is_good = [&] {
+    return static_cast<double>(most) >= kNearlyAll * tracks.size() ||
+           (most >= by_other && best.sigma.focal < kSureFocal);
+  };
   for (const Camera& guess : guesses(tracks.image_size)) {
-    if (static_cast<double>(most) >= kNearlyAll * tracks.size() || (options.stopped && options.stopped()))
-      break;
+    if (is_good() || (options.stopped && options.stopped())) break;
     RayReconstruction r = reconstruct_along_rays(tracks, guess, options);
     const int64_t explained = r.posed >= enough ? explained_by(r) : -1;
     if (explained > most || (most < 0 && r.posed > best.posed)) {
@@ -130,7 +134,7 @@ bool is_surely_better(const Errors& errors) {
 WideLensSearch find_alone(const PointTracks& tracks, const RayOptions& options) {
   WideLensSearch search;
   const double enough = kMostPosed * tracks.image_count;
-  RayReconstruction r = best_guess(tracks, enough, options);
+  RayReconstruction r = best_guess(tracks, enough, tracks.size(), options);
   if (r.posed < enough || !is_other_lens(tracks, r)) return search;
   search.compared = true;
   search.evidence = fmt::format("a {} lens where no perspective one is told", model_name(r.camera.model));
@@ -156,11 +160,11 @@ WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* p
   if (!perspective) return find_alone(tracks, options);
   WideLensSearch search;
   const double enough = kEnoughPosed * static_cast<double>(std::ranges::count(perspective->image_posed, 1));
-  RayReconstruction r = best_guess(tracks, enough, options);
+  const int64_t explained_by_perspective = std::ranges::count(perspective->inlier, 1);
+  RayReconstruction r = best_guess(tracks, enough, explained_by_perspective, options);
   if (r.posed < enough || !std::isfinite(r.sigma.focal)) return search;
   const Errors errors = compare(tracks, *perspective, r, options.max_error_px);
-  const auto explained = static_cast<double>(std::ranges::count(perspective->inlier, 1));
-  if (errors.observations < kEnoughCommon * explained) return search;
+  if (errors.observations < kEnoughCommon * static_cast<double>(explained_by_perspective)) return search;
   search.compared = true;
   search.evidence =
       fmt::format("rms {:.2f} px with a perspective lens, {:.2f} px with a {} one",
