@@ -24,7 +24,8 @@ namespace raysfm {
 namespace {
 
 constexpr int kMinAgreeing = 40;
-constexpr int kFeatures = 2500;
+// Of a photo: of few, all of which are compared, and of many.
+constexpr int kFeaturesOfFew = 5000, kFeaturesOfMany = 2500;
 
 // Sets of features that are the same point.
 class Merger {
@@ -54,12 +55,14 @@ struct Photos {
 
 Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Photos* photos,
                          SolveInput* input) {
+  const bool few = source.frame_count() >= 0 && source.frame_count() <= kMostInAllPairs;
+  const int most_features = few ? kFeaturesOfFew : kFeaturesOfMany;
   while (!(input->interrupted = stop && stop->load())) {
     Result<std::optional<InputFrame>> next = source.next();
     if (!next) return next.error();
     if (!*next) break;
     const InputFrame& frame = **next;
-    if (auto r = photos->features->add(frame.gray.view(), kFeatures); !r) return r;
+    if (auto r = photos->features->add(frame.gray.view(), most_features); !r) return r;
     photos->first.push_back(static_cast<int>(photos->rgb.size()));
     for (const Eigen::Vector2d& p : photos->features->pixels(photos->features->photos() - 1)) {
       const int x = std::clamp(static_cast<int>(p.x() + 0.5), 0, frame.gray.width() - 1);
