@@ -99,6 +99,7 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
   const bool photos = compared && !is_tracks_file(settings.input);
   if (photos) options.errors = ErrorRelation::kWithinImages;
   const bool many = photos && input.tracks.image_count > kMostInAllPairs;
+  if (photos) options.lens_of_image = input.lens_of_image;
   if (compared && !many) return reconstruct(input.tracks, options);
   VideoOptions video{.in_order = !many, .start = start, .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {

@@ -23,6 +23,7 @@ struct SolveInput {
   std::vector<int> same_as;                 // an image that shows the same and is seen in its place, else -1;
                                             // empty: all show something else
   std::vector<ExifLens> exif;               // the lenses that photos name
+  std::vector<int> lens_of_image;           // as that of SolveOptions
   bool in_order = true;                     // an image sees what the one before sees
   std::vector<Eigen::Vector2i> sizes;       // of the images where they differ, else empty: see shift()
   double corner_side = 1;                   // pixels that one is of the octave where corners are found

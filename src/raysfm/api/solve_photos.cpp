@@ -283,6 +283,7 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
   if (!input.camera) {
     input.exif = lenses_by_exif(photos.taken);
     tell_exif(input.exif, callbacks.event);
+    input.lens_of_image = numbers_of_lenses(photos.taken);
   }
   Merger merger =
       joined_points(photos, input.camera ? &*input.camera : nullptr, settings, callbacks.stop, &input.stages);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
 #include <string>
 #include <type_traits>
 
@@ -100,10 +102,21 @@ void put_back(const ObservationIndex& index, const UncalibratedScene& part, bool
   for (int i = 0; i < index.point_count(); ++i) scene->points[index.points[i]] = part.points[i];
 }
 
+// Number of the lens of each image of the index; empty where none is shared by some of them alone.
+std::vector<int> shared_lenses(const ObservationIndex& index, const LensAdjustmentOptions& options) {
+  std::vector<int> lenses;
+  if (options.constraints.equal || options.lens_of_image.empty()) return lenses;
+  for (const int j : index.images) lenses.push_back(options.lens_of_image[j]);
+  return lenses;
+}
+
 // The numbers of the lenses that an adjustment has free, for the degrees of freedom.
-int free_lens_numbers(const LensAdjustmentOptions& options, int images) {
+int free_lens_numbers(const ObservationIndex& index, const LensAdjustmentOptions& options) {
   const int each = static_cast<int>(lens_basis(options.constraints).cols());
-  return options.radial_terms + (options.constraints.equal ? each : each * images);
+  if (options.constraints.equal) return options.radial_terms + each;
+  const std::vector<int> shared = shared_lenses(index, options);
+  const std::set<int> lenses(shared.begin(), shared.end());
+  return each * (shared.empty() ? index.image_count() : static_cast<int>(lenses.size()));
 }
 
 // Squared distances between prediction and observation, pixels, by observation.
@@ -127,7 +140,7 @@ void find_sigma(const ObservationIndex& index, const LensAdjustmentOptions& opti
   const LensVector unknown = LensVector::Constant(std::numeric_limits<double>::infinity());
   std::vector<LensVector> sigma(index.image_count(), unknown);
   const int freedom = 2 * index.size() - 6 * index.image_count() - 3 * index.point_count() -
-                      free_lens_numbers(options, index.image_count()) + kGauge;
+                      free_lens_numbers(index, options) + kGauge;
   const int needed = min_images(options.constraints);
   if (freedom > 0 && needed > 0 && index.image_count() >= needed) {
     problem->linearize();
@@ -212,6 +225,10 @@ Result<ObservationIndex> usable(const PointTracks& tracks, std::span<const doubl
   if (auto ok = validate(tracks); !ok) return ok.error();
   if (auto ok = check_sizes(tracks, weights, scene); !ok) return ok.error();
   if (auto ok = check_options(options); !ok) return ok.error();
+  if (!options.lens_of_image.empty() && std::ssize(options.lens_of_image) != tracks.image_count) {
+    return bad_input("lens_of_image: " + std::to_string(options.lens_of_image.size()) + ", allowed 0 or " +
+                     std::to_string(tracks.image_count) + ", the number of images");
+  }
   // A camera too poor to say in front and behind is caught below.
   ObservationIndex index =
       index_observations(tracks, weights, &scene, kMinPointsPerImage, kMinImagesPerPoint);
@@ -220,15 +237,27 @@ Result<ObservationIndex> usable(const PointTracks& tracks, std::span<const doubl
   return index;
 }
 
-// What the parameters of the standard adjustment cannot leave: the constraints.
-void meet_constraints(const ObservationIndex& index, const LensConstraints& constraints,
-                      UncalibratedScene* scene) {
-  LensVector mean = LensVector::Zero();
-  for (const int j : index.images) mean += scene->lenses[j].vector() / index.image_count();
-  for (const int j : index.images) {
-    scene->lenses[j] =
-        constrained(constraints.equal ? Lens::from_vector(mean) : scene->lenses[j], constraints);
+// The mean lens of the images of one number in the place of each.
+void make_equal(const ObservationIndex& index, std::span<const int> numbers, UncalibratedScene* scene) {
+  std::map<int, std::pair<LensVector, int>> sums;
+  for (int j = 0; j < index.image_count(); ++j) {
+    auto& [sum, count] = sums.try_emplace(numbers[j], LensVector::Zero(), 0).first->second;
+    sum += scene->lenses[index.images[j]].vector();
+    ++count;
   }
+  for (int j = 0; j < index.image_count(); ++j) {
+    const auto& [sum, count] = sums.at(numbers[j]);
+    scene->lenses[index.images[j]] = Lens::from_vector(sum / count);
+  }
+}
+
+// What the parameters of the standard adjustment cannot leave: the constraints.
+void meet_constraints(const ObservationIndex& index, const LensAdjustmentOptions& options,
+                      UncalibratedScene* scene) {
+  std::vector<int> numbers = shared_lenses(index, options);
+  if (options.constraints.equal) numbers.assign(index.image_count(), 0);
+  if (!numbers.empty()) make_equal(index, numbers, scene);
+  for (const int j : index.images) scene->lenses[j] = constrained(scene->lenses[j], options.constraints);
 }
 
 // The adjustment with lenses that are read: as unknowns, or as the start of dependent ones.
@@ -240,8 +269,13 @@ Result<LensAdjustmentSummary> adjust_from_lenses(ObservationIndex index, const P
     if (lens.vector().allFinite() && lens.fx > 0 && lens.fy > 0) continue;
     return bad_input("scene: lens " + std::to_string(j) + " must be finite, its fx and fy above 0");
   }
-  meet_constraints(index, options.constraints, scene);
-  return minimise<StandardProblem>(std::move(index), options, tracks, scene, role);
+  meet_constraints(index, options, scene);
+  const ObservationIndex used = index;
+  auto summary = minimise<StandardProblem>(std::move(index), options, tracks, scene, role);
+  // Their weight leaves them apart by next to nothing.
+  if (const std::vector<int> numbers = shared_lenses(used, options); summary && !numbers.empty())
+    make_equal(used, numbers, scene);
+  return summary;
 }
 
 }  // namespace

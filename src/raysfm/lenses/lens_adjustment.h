@@ -40,6 +40,10 @@ struct LensAdjustmentOptions {
   // before k2, are unknowns: 0 to 2, and 0 unless the lenses are equal.
   RadialDistortion radial;
   int radial_terms = 0;
+  // Of unknown lenses in the standard adjustment alone: numbers of the lenses that images were taken with, by
+  // image of the tracks; images of one number have the same lens. Empty: each image has its own, or all have
+  // one.
+  std::span<const int> lens_of_image = {};
   RobustLoss loss;              // scale in pixels
   int reweightings = 3;         // rounds with the weights of the loss held fixed; one when there is no loss
   bool with_sigma = true;       // compute lens_sigma

@@ -242,6 +242,53 @@ TEST(LensAdjustment, DistortionOfLensesOfTheirOwnIsRefused) {
   EXPECT_EQ(summary.error().kind, ErrorKind::kBadInput);
 }
 
+// Said to be one, the lenses of all images end where one lens for all does.
+TEST(LensAdjustment, LensesThatImagesShareAreOne) {
+  Rng rng(21);
+  Cube cube = make_cube({.images = 8}, &rng);
+  add_noise(1.0, &rng, &cube.tracks);
+  const UncalibratedScene start = perturbed(cube.truth, 0.01, &rng);
+  LensAdjustmentOptions options = options_for(true);
+  options.constraints.principal_point = cube.tracks.centre();
+  options.constraints.principal_point_sigma = 0;
+  options.lm = {.max_iterations = 200, .min_relative_decrease = 1e-12};
+  const std::vector<int> numbers(8, 3);
+  options.lens_of_image = numbers;
+  UncalibratedScene by_numbers = start, equal = start;
+  const auto shared = adjust_standard(cube.tracks, {}, options, &by_numbers);
+  const auto one = adjust_standard(cube.tracks, {}, options_for(false), &equal);
+  ASSERT_TRUE(shared.ok() && one.ok());
+  for (int j = 0; j < 8; ++j) {
+    EXPECT_EQ(by_numbers.lenses[j].vector(), by_numbers.lenses[0].vector());
+    EXPECT_NEAR(by_numbers.lenses[j].fx, equal.lenses[0].fx, 0.02 * one->lens_sigma[0][0]);
+    EXPECT_NEAR(by_numbers.lenses[j].cx, equal.lenses[0].cx, 0.02 * one->lens_sigma[0][2]);
+    EXPECT_NEAR(shared->lens_sigma[j][0] / one->lens_sigma[0][0], 1, 0.01);
+  }
+}
+
+TEST(LensAdjustment, TwoLensesAreToldBetterThanOneForEachImage) {
+  Rng rng(22);
+  Cube cube = make_cube({.images = 8}, &rng);
+  std::vector<int> numbers;
+  for (int j = 0; j < 8; ++j) {
+    numbers.push_back(j % 3 == 0);
+    if (numbers[j] == 1) cube.truth.lenses[j] = {1500, 1500, 262, 240, 0};
+  }
+  test_scenes::project_all(cube.truth, &cube.tracks);
+  add_noise(1.0, &rng, &cube.tracks);
+  UncalibratedScene apart = perturbed(cube.truth, 0.01, &rng), shared = apart;
+  LensAdjustmentOptions options = options_for(true);
+  ASSERT_TRUE(adjust_standard(cube.tracks, {}, options, &apart).ok());
+  options.lens_of_image = numbers;
+  const auto summary = adjust_standard(cube.tracks, {}, options, &shared);
+  ASSERT_TRUE(summary.ok());
+  EXPECT_LT(largest_lens_error(shared, cube.truth), 0.5 * largest_lens_error(apart, cube.truth));
+  for (int j = 0; j < 8; ++j) {
+    EXPECT_EQ(shared.lenses[j].vector(), shared.lenses[numbers[j] == 1 ? 0 : 1].vector());
+    EXPECT_LT(std::abs(shared.lenses[j].fx - cube.truth.lenses[j].fx), 4 * summary->lens_sigma[j][0]);
+  }
+}
+
 TEST(LensAdjustment, BadInputIsNamed) {
   Rng rng(9);
   const Cube cube = make_cube({.images = 3, .zooming = true}, &rng);
@@ -251,6 +298,11 @@ TEST(LensAdjustment, BadInputIsNamed) {
       message(adjust_intrinsics_free(cube.tracks, {}, options, &scene)),
       "images: 3 with at least 6 usable points, at least 4 are needed (known of the lenses: zero skew, unit "
       "aspect ratio)");
+  LensAdjustmentOptions numbered = options;
+  const std::vector<int> numbers(2, 0);
+  numbered.lens_of_image = numbers;
+  EXPECT_EQ(message(adjust_standard(cube.tracks, {}, numbered, &scene)),
+            "lens_of_image: 2, allowed 0 or 3, the number of images");
   PointTracks twice = cube.tracks;
   twice.add(twice.image[4], twice.point[4], {1, 1});
   EXPECT_EQ(message(adjust_standard(twice, {}, options, &scene)),

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numeric>
 
 namespace raysfm {
@@ -46,7 +47,55 @@ StandardProblem::StandardProblem(const ObservationIndex& index, const LensAdjust
   damping_scale_.resize(elimination_.rows());
   steps_.setZero(elimination_.rows());
   costs_.reserve(options.lm.max_iterations + 1);
+  group_images();
   cost_ = start_cost();
+}
+
+// A hundred thousand times what the observations say of a principal point: the lenses of a group differ by
+// that part of what each image says by itself.
+void StandardProblem::group_images() {
+  constexpr double kTight = 1e5;
+  if (shared() || role_ != LensRole::kUnknown || options_.lens_of_image.empty()) return;
+  std::map<int, std::vector<int>> groups;
+  for (int j = 0; j < index_.image_count(); ++j)
+    groups[options_.lens_of_image[index_.images[j]]].push_back(j);
+  for (auto& [number, images] : groups) {
+    if (images.size() > 1) groups_.push_back(std::move(images));
+  }
+  sharing_weight_ = kTight * index_.size() / std::max(1, index_.image_count());
+}
+
+LensVector StandardProblem::mean_lens(const std::vector<int>& group, const UncalibratedScene& scene) const {
+  LensVector mean = LensVector::Zero();
+  for (const int j : group) mean += scene.lenses[j].vector() / static_cast<double>(group.size());
+  return mean;
+}
+
+double StandardProblem::sharing_cost(const UncalibratedScene& scene) const {
+  double sum = 0;
+  for (const std::vector<int>& group : groups_) {
+    const LensVector mean = mean_lens(group, scene);
+    for (const int j : group) sum += sharing_weight_ * (scene.lenses[j].vector() - mean).squaredNorm();
+  }
+  return sum;
+}
+
+// Of the numbers of the lenses of a group, all with all: each is held about their mean.
+void StandardProblem::add_sharing(const UncalibratedScene& scene) {
+  const Matrix5d normal = sharing_weight_ * (basis_.transpose() * basis_);
+  for (const std::vector<int>& group : groups_) {
+    const LensVector mean = mean_lens(group, scene);
+    const double share = 1.0 / static_cast<double>(group.size());
+    for (const int j : group) {
+      const LensVector gradient = sharing_weight_ * (basis_.transpose() * (scene.lenses[j].vector() - mean));
+      elimination_.gradient().segment(lens_rows(j), free_) += gradient.head(free_);
+      for (const int other : group) {
+        if (other > j) continue;
+        elimination_.u().block(lens_rows(j), lens_rows(other), free_, free_) +=
+            ((other == j ? 1.0 : 0.0) - share) * normal.topLeftCorner(free_, free_);
+      }
+    }
+  }
 }
 
 double StandardProblem::start_cost() {
@@ -143,7 +192,7 @@ double StandardProblem::cost(UncalibratedScene* scene, const RadialDistortion& r
   for (int j = 0; j < lens_count() && expected_.any(); ++j) {
     sum += expected_.weight.dot((scene->lenses[j].vector() - expected_.mean).cwiseAbs2());
   }
-  return 0.5 * sum;
+  return 0.5 * (sum + sharing_cost(*scene));
 }
 
 // Of the pixel of an observation, where the cost was taken last; what is not unknown has no column.
@@ -268,6 +317,7 @@ void StandardProblem::normal_equations(const UncalibratedScene& scene) {
   }
   if (expected_.any()) add_priors(scene);
   damping_scale_ = elimination_.u().diagonal();
+  add_sharing(scene);  // together they move freely
   if (role_ == LensRole::kUnknown) return;
   for (int j = 0; j < lens_count(); ++j) damping_scale_.segment(lens_rows(j), free_).setZero();
 }

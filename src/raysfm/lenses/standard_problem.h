@@ -29,6 +29,7 @@ enum class LensRole {
 // 19(2), 2003). The step is that of the joint system with the lenses not damped, Kaufman's approximation. Far
 // from the minimum the lens that fits wrong poses best is a bad one, and the lenses are unknowns until a
 // step, or fitting them, gains less than half of the cost.
+// Unknown lenses that some images share are told to be one by a weight (as IFBA01 4.3 imposes constraints).
 // Once memory is set up, nothing is allocated.
 class StandardProblem {
  public:
@@ -80,6 +81,10 @@ class StandardProblem {
   void linearize_image(int j, const UncalibratedScene& scene);
   void sum_point(int point);
   void add_priors(const UncalibratedScene& scene);
+  void group_images();
+  LensVector mean_lens(const std::vector<int>& group, const UncalibratedScene& scene) const;
+  double sharing_cost(const UncalibratedScene& scene) const;
+  void add_sharing(const UncalibratedScene& scene);
   bool factorize(double damping);
 
   const ObservationIndex& index_;
@@ -97,6 +102,8 @@ class StandardProblem {
   int block_ = 6;
   std::vector<Eigen::Vector3d>
       in_view_;  // of an observation: x / z, y / z, 1 / z, where the cost was taken last
+  std::vector<std::vector<int>> groups_;  // images of one lens, where some share one
+  double sharing_weight_ = 0;             // of a lens about the mean of its group, per square pixel
   std::vector<double> image_costs_;
   // Of an image, what it adds to the normal equations of the numbers of lenses: matrix, then gradient.
   std::vector<Eigen::Matrix<double, 7, 8>> lens_terms_;

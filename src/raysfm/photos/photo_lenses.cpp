@@ -38,32 +38,53 @@ ExifLens report_of(const NamedLens& named, const std::string& photo) {
   return lens;
 }
 
-}  // namespace
+// Lenses in the order of the photos, and of each photo the number of its own, -1: not said.
+struct Grouped {
+  std::vector<NamedLens> lenses;
+  std::vector<int> number;
+  bool all = true;  // say one, but for those without pixels, which were taken with none
+};
 
-std::vector<ExifLens> lenses_by_exif(std::span<const TakenPhoto> photos) {
-  std::vector<NamedLens> named;
-  std::vector<ExifLens> lenses;
-  bool all = true;
+Grouped group_by_lens(std::span<const TakenPhoto> photos) {
+  Grouped grouped;
   for (const TakenPhoto& photo : photos) {
-    // One without pixels was taken with no lens.
-    all = all && (photo.exif || photo.size.isZero());
+    grouped.all = grouped.all && (photo.exif || photo.size.isZero());
+    grouped.number.push_back(-1);
     if (!photo.exif) continue;
     const NamedLens one{*photo.exif, photo.size.x(), photo.size.y(),
                         focal_of_exif(*photo.exif, photo.size.x(), photo.size.y())};
-    const auto same = std::ranges::find_if(named, [&](const NamedLens& other) { return one.same_as(other); });
-    const auto place = same - named.begin();
-    if (same == named.end()) {
-      named.push_back(one);
-      lenses.push_back(report_of(one, photo.name));
-    }
-    ++lenses[place].photos;
+    const auto same =
+        std::ranges::find_if(grouped.lenses, [&](const NamedLens& other) { return one.same_as(other); });
+    grouped.number.back() = static_cast<int>(same - grouped.lenses.begin());
+    if (same == grouped.lenses.end()) grouped.lenses.push_back(one);
+  }
+  return grouped;
+}
+
+}  // namespace
+
+std::vector<ExifLens> lenses_by_exif(std::span<const TakenPhoto> photos) {
+  const Grouped grouped = group_by_lens(photos);
+  std::vector<ExifLens> lenses;
+  for (size_t i = 0; i < photos.size(); ++i) {
+    const int number = grouped.number[i];
+    if (number < 0) continue;
+    if (number == std::ssize(lenses)) lenses.push_back(report_of(grouped.lenses[number], photos[i].name));
+    ++lenses[number].photos;
   }
   for (ExifLens& lens : lenses) {
     if (!lens.not_used.empty()) continue;
     if (lenses.size() > 1) lens.not_used = fmt::format("one of {} lenses of these photos", lenses.size());
-    if (lenses.size() == 1 && !all) lens.not_used = "other photos do not say how they were taken";
+    if (lenses.size() == 1 && !grouped.all) lens.not_used = "other photos do not say how they were taken";
   }
   return lenses;
+}
+
+std::vector<int> numbers_of_lenses(std::span<const TakenPhoto> photos) {
+  Grouped grouped = group_by_lens(photos);
+  const auto taken = std::ranges::count_if(grouped.number, [](int number) { return number >= 0; });
+  if (!grouped.all || grouped.lenses.size() < 2 || std::ssize(grouped.lenses) == taken) return {};
+  return std::move(grouped.number);
 }
 
 ExifLens* lens_to_use(std::vector<ExifLens>* lenses) {

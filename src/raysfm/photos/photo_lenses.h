@@ -24,6 +24,10 @@ struct TakenPhoto {
 // where all photos were taken with one lens, and with nothing cropped or resized since.
 std::vector<ExifLens> lenses_by_exif(std::span<const TakenPhoto> photos);
 
+// Of each photo the number of its lens among these, -1 for one without pixels; empty where not all others say
+// how they were taken, where that was one lens, or where no two were taken with the same.
+std::vector<int> numbers_of_lenses(std::span<const TakenPhoto> photos);
+
 // The one whose focal length is to be used, null without one.
 ExifLens* lens_to_use(std::vector<ExifLens>* lenses);
 

@@ -51,6 +51,21 @@ TEST(PhotoLenses, SeveralAndCroppedOnesAreNamed) {
   EXPECT_EQ(lenses[0].not_used, "other photos do not say how they were taken");
 }
 
+TEST(PhotoLenses, PhotosOfOneLensHaveOneNumber) {
+  PhotoExif zoomed = phone();
+  zoomed.focal_mm = 8, zoomed.focal_35mm = 52;
+  const auto numbers = [](const std::vector<std::optional<PhotoExif>>& exif) {
+    std::vector<TakenPhoto> photos;
+    for (const auto& one : exif) photos.push_back({"", Eigen::Vector2i(4000, 3000), one});
+    photos.push_back({"damaged.jpg", Eigen::Vector2i(0, 0), {}});
+    return numbers_of_lenses(photos);
+  };
+  EXPECT_EQ(numbers({phone(), zoomed, phone()}), (std::vector{0, 1, 0, -1}));
+  EXPECT_TRUE(numbers({phone(), phone()}).empty());  // one lens for all is told otherwise
+  EXPECT_TRUE(numbers({phone(), zoomed}).empty());   // nothing is shared
+  EXPECT_TRUE(numbers({phone(), zoomed, phone(), {}}).empty());
+}
+
 TEST(PhotoLenses, WhatThePhotosContradictIsNamed) {
   const ExifLens said{.focal_px = 3000, .focal_sigma_px = 100};
   EXPECT_EQ(contradiction(said, 3290), "");

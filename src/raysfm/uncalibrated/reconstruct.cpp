@@ -8,14 +8,19 @@
 #include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/one_lens.h"
 #include "raysfm/uncalibrated/photo_solver.h"
+#include "raysfm/uncalibrated/shared_lenses.h"
 #include "raysfm/uncalibrated/solution.h"
 
 namespace raysfm {
 namespace {
 
-Result<void> check_options(const SolveOptions& options) {
+Result<void> check_options(const SolveOptions& options, int image_count) {
   if (!(options.max_error_px > 0)) return bad_input("max_error_px: must be above 0");
   if (!(options.principal_point_sigma >= 0)) return bad_input("principal_point_sigma: must be 0 or more");
+  if (!options.lens_of_image.empty() && std::ssize(options.lens_of_image) != image_count) {
+    return bad_input("lens_of_image: " + std::to_string(options.lens_of_image.size()) +
+                     ", allowed 0 or one for each image, " + std::to_string(image_count));
+  }
   if (options.max_samples < 1) return bad_input("max_samples: must be 1 or more");
   return {};
 }
@@ -82,7 +87,7 @@ LensConstraints constraints_for(const PointTracks& tracks, const SolveOptions& o
 Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOptions& options,
                                        bool equal_lenses) {
   if (auto ok = validate(tracks); !ok) return ok.error();
-  if (auto ok = check_options(options); !ok) return ok.error();
+  if (auto ok = check_options(options, tracks.image_count); !ok) return ok.error();
   const Units units(tracks);
   const auto start = start_of(tracks, units, options);
   if (!start) return start.error();
@@ -101,7 +106,7 @@ Result<UncalibratedScene> linear_start(const PointTracks& tracks, const SolveOpt
 
 Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const SolveOptions& options) {
   if (auto ok = validate(tracks); !ok) return ok.error();
-  if (auto ok = check_options(options); !ok) return ok.error();
+  if (auto ok = check_options(options, tracks.image_count); !ok) return ok.error();
   if (auto ok = check_amount(tracks, constraints_for(tracks, options, options.lens != LensChange::kZoom));
       !ok) {
     return ok.error();
@@ -109,11 +114,13 @@ Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const 
   const Units units(tracks);
   const auto start = start_of(tracks, units, options);
   if (!start) return start.error();
-  PhotoSolver photos(tracks, units, options);
+  SolveOptions apart = options;  // lenses are shared when all is there
+  apart.lens_of_image.clear();
+  PhotoSolver photos(tracks, units, apart);
   const auto solved = [&](bool equal) -> Result<UncalibratedReconstruction> {
     auto solution = options.errors == ErrorRelation::kWithinImages
                         ? photos.solve(start, equal)
-                        : best_solution(tracks, *start, units, options, equal);
+                        : best_solution(tracks, *start, units, apart, equal);
     if (!solution) return solution.error();
     UncalibratedReconstruction result = filled(tracks, std::move(*solution));
     result.zooming = !equal;
@@ -127,6 +134,7 @@ Result<UncalibratedReconstruction> reconstruct(const PointTracks& tracks, const 
     finish_photos(tracks, options, &*result);
   }
   if (!result) return result;
+  share_lenses(tracks, options, &*result);
   if (options.errors == ErrorRelation::kWithinImages) add_model_error(&*result);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);

@@ -47,6 +47,9 @@ struct SolveOptions {
   // What is said of the focal length of one lens of photos, pixels, and the standard deviation of that; 0:
   // nothing is.
   double focal = 0, focal_sigma = 0;
+  // Of photos: numbers of the lenses that images are said to be taken with, one for each image; those of one
+  // number have the same lens. Empty: nothing is said.
+  std::vector<int> lens_of_image = {};
   int max_samples = 2000;  // of each RANSAC, > 0
   uint64_t seed = 0;
   int threads = 1;  // > 0; never changes a result

@@ -118,6 +118,39 @@ TEST(Reconstruct, PhotosOfABendingLensWithPoorMatches) {
   EXPECT_GT(focal_error(*straight, cube.truth), 2 * focal_error(*result, cube.truth));
 }
 
+// A second camera with half as long a lens again took every third photo.
+TEST(Reconstruct, PhotosThatAreSaidToShareLensesDo) {
+  Rng rng(9);
+  Cube cube = make_cube({.images = 12, .points = 60}, &rng);
+  SolveOptions options{.errors = ErrorRelation::kWithinImages};
+  for (int j = 0; j < 12; ++j) {
+    options.lens_of_image.push_back(j % 3 == 0);
+    if (j % 3 == 0) cube.truth.lenses[j] = {1500, 1500, 249.5, 249.5, 0};
+  }
+  project_all(cube.truth, &cube.tracks);
+  add_noise(0.5, &rng, &cube.tracks);
+  const auto shared = reconstruct(cube.tracks, options);
+  ASSERT_TRUE(shared.ok()) << shared.error().message;
+  EXPECT_TRUE(shared->zooming);
+  EXPECT_NE(shared->lens_evidence.find("said to share one of 2 lenses do:"), std::string::npos)
+      << shared->lens_evidence;
+  EXPECT_EQ(shared->scene.lenses[1].vector(), shared->scene.lenses[2].vector());
+  EXPECT_EQ(shared->scene.lenses[0].vector(), shared->scene.lenses[3].vector());
+  SolveOptions unsaid = options;
+  unsaid.lens_of_image.clear();
+  const auto apart = reconstruct(cube.tracks, unsaid);
+  ASSERT_TRUE(apart.ok()) << apart.error().message;
+  EXPECT_LT(focal_error(*shared, cube.truth), 0.7 * focal_error(*apart, cube.truth));
+  // The other way round it is not so.
+  for (int j = 0; j < 12; ++j) options.lens_of_image[j] = j < 6;
+  const auto wrong = reconstruct(cube.tracks, options);
+  ASSERT_TRUE(wrong.ok()) << wrong.error().message;
+  EXPECT_NE(wrong->lens_evidence.find("said to share one of 2 lenses do not:"), std::string::npos)
+      << wrong->lens_evidence;
+  EXPECT_NE(wrong->scene.lenses[0].fx, wrong->scene.lenses[1].fx);
+  EXPECT_EQ(wrong->scene.lenses[0].fx, apart->scene.lenses[0].fx);
+}
+
 // Two photos alone do not tell a lens.
 TEST(Reconstruct, TwoPhotosWithAFocalLengthThatIsSaid) {
   Rng rng(9);
@@ -181,6 +214,7 @@ TEST(Reconstruct, BadInputAndTooLittleAreNamed) {
       "images: 0 with at least 8 points, at least 2 are needed (known of the lenses: zero skew, unit aspect "
       "ratio, equal lenses, principal point near its expected place)");
   EXPECT_EQ(reconstruct(tracks, {.max_error_px = 0}).error().message, "max_error_px: must be above 0");
+  EXPECT_EQ(reconstruct(tracks, {.lens_of_image = {1}}).error().message.substr(0, 16), "lens_of_image: 1");
   tracks.image_size.x() = 0;
   EXPECT_EQ(failure(tracks), "point tracks: image_size must be two numbers above 0");
 }

@@ -16,6 +16,7 @@ constexpr int kCandidates = 3;
 Result<LensAdjustmentSummary> adjust(const PointTracks& tracks, const std::vector<double>& weights,
                                      const LensAdjustmentOptions& options, LensMethod method,
                                      UncalibratedScene* scene) {
+  if (!options.lens_of_image.empty()) return adjust_standard(tracks, weights, options, scene);
   switch (method) {
     case LensMethod::kIntrinsicsFree:
       return adjust_intrinsics_free(tracks, weights, options, scene);
@@ -102,6 +103,7 @@ std::vector<UncalibratedScene> metric_starts(const PointTracks& tracks, const Un
 Result<void> settle(const PointTracks& tracks, const SolveOptions& options, bool equal, Solution* solution) {
   LensAdjustmentOptions adjustment = adjustment_of(tracks, options, equal);
   adjustment.with_sigma = true;
+  if (!equal) adjustment.lens_of_image = options.lens_of_image;
   adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
   const auto judged = [&] {
     return judge(tracks, solution->scene, solution->image_posed, solution->point_placed,

@@ -42,7 +42,7 @@ std::vector<UncalibratedScene> metric_starts(const PointTracks& tracks, const Un
                                              const ProjectiveStart& start, bool equal);
 
 // Adjusts with the observations that agree with the scene, and judges them anew. `equal`: one lens for all
-// images. Errors: as adjust_standard().
+// images; else those of one number of options.lens_of_image have one. Errors: as adjust_standard().
 Result<void> settle(const PointTracks& tracks, const SolveOptions& options, bool equal, Solution* solution);
 
 // The self-calibration that ends in the least cost, adjusted again with the observations that then agree with

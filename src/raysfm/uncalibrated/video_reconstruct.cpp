@@ -12,6 +12,7 @@
 #include "raysfm/uncalibrated/dense_groups.h"
 #include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/one_lens.h"
+#include "raysfm/uncalibrated/shared_lenses.h"
 #include "raysfm/uncalibrated/video_growth.h"
 #include "raysfm/uncalibrated/video_radial.h"
 
@@ -122,6 +123,7 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
                                               bool in_order) {
   SolveOptions of_start = options;
   of_start.radial = RadialChoice::kNone;  // it is looked for when all is there
+  of_start.lens_of_image.clear();         // and so are these
   Result<UncalibratedReconstruction> best =
       no_reconstruction("start: no stretch of the video determines one");
   double least = INFINITY;
@@ -340,6 +342,7 @@ void complete(const PointTracks& tracks, std::span<const uint8_t> keyframe, cons
   if (!options.stopped() && !adjusts_one_lens(options, *result)) {
     VideoGrowth(ideal, keyframe, options, result).widen_sigma(pool);
   }
+  share_lenses(tracks, options, result);
   add_model_error(result);
   result->degenerate =
       name_degeneracy(result->scene, result->image_posed, result->point_placed, result->lens_sigma);
