@@ -23,6 +23,11 @@ Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::s
                                                Result<UncalibratedReconstruction> zoom, double max_error_px,
                                                ErrorRelation errors);
 
+// Adjusts a reconstruction with a lens for each image again with one lens for all images of one number of
+// options.lens_of_image, and takes that where choose_lens() finds nothing that speaks for more of them: says
+// so in lens_evidence, either way. Without numbers, or with one lens for all images, nothing changes.
+void share_lenses(const PointTracks& tracks, const SolveOptions& options, UncalibratedReconstruction* result);
+
 // Root mean square error of the observations marked, pixels; 0 without any.
 double rms_error(const PointTracks& tracks, const UncalibratedScene& scene, const RadialDistortion& radial,
                  std::span<const uint8_t> marked);

@@ -8,7 +8,6 @@
 #include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/one_lens.h"
 #include "raysfm/uncalibrated/photo_solver.h"
-#include "raysfm/uncalibrated/shared_lenses.h"
 #include "raysfm/uncalibrated/solution.h"
 
 namespace raysfm {

@@ -1,5 +1,4 @@
-#include "raysfm/uncalibrated/shared_lenses.h"
-
+// share_lenses() of lens_choice.h.
 #include <fmt/format.h>
 
 #include <algorithm>

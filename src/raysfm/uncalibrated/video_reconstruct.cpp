@@ -12,7 +12,6 @@
 #include "raysfm/uncalibrated/dense_groups.h"
 #include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/one_lens.h"
-#include "raysfm/uncalibrated/shared_lenses.h"
 #include "raysfm/uncalibrated/video_growth.h"
 #include "raysfm/uncalibrated/video_radial.h"
 
