@@ -237,17 +237,17 @@ Result<ObservationIndex> usable(const PointTracks& tracks, std::span<const doubl
   return index;
 }
 
-// The mean lens of the images of one number in the place of each.
-void make_equal(const ObservationIndex& index, std::span<const int> numbers, UncalibratedScene* scene) {
+// The mean lens of the images of one number in the place of each; `numbers`: one for each of the images.
+void make_equal(std::span<const int> images, std::span<const int> numbers, UncalibratedScene* scene) {
   std::map<int, std::pair<LensVector, int>> sums;
-  for (int j = 0; j < index.image_count(); ++j) {
-    auto& [sum, count] = sums.try_emplace(numbers[j], LensVector::Zero(), 0).first->second;
-    sum += scene->lenses[index.images[j]].vector();
+  for (size_t k = 0; k < numbers.size(); ++k) {
+    auto& [sum, count] = sums.try_emplace(numbers[k], LensVector::Zero(), 0).first->second;
+    sum += scene->lenses[images[k]].vector();
     ++count;
   }
-  for (int j = 0; j < index.image_count(); ++j) {
-    const auto& [sum, count] = sums.at(numbers[j]);
-    scene->lenses[index.images[j]] = Lens::from_vector(sum / count);
+  for (size_t k = 0; k < numbers.size(); ++k) {
+    const auto& [sum, count] = sums.at(numbers[k]);
+    scene->lenses[images[k]] = Lens::from_vector(sum / count);
   }
 }
 
@@ -256,7 +256,7 @@ void meet_constraints(const ObservationIndex& index, const LensAdjustmentOptions
                       UncalibratedScene* scene) {
   std::vector<int> numbers = shared_lenses(index, options);
   if (options.constraints.equal) numbers.assign(index.image_count(), 0);
-  if (!numbers.empty()) make_equal(index, numbers, scene);
+  make_equal(index.images, numbers, scene);
   for (const int j : index.images) scene->lenses[j] = constrained(scene->lenses[j], options.constraints);
 }
 
@@ -270,11 +270,9 @@ Result<LensAdjustmentSummary> adjust_from_lenses(ObservationIndex index, const P
     return bad_input("scene: lens " + std::to_string(j) + " must be finite, its fx and fy above 0");
   }
   meet_constraints(index, options, scene);
-  const ObservationIndex used = index;
+  const std::vector<int> images = index.images, numbers = shared_lenses(index, options);
   auto summary = minimise<StandardProblem>(std::move(index), options, tracks, scene, role);
-  // Their weight leaves them apart by next to nothing.
-  if (const std::vector<int> numbers = shared_lenses(used, options); summary && !numbers.empty())
-    make_equal(used, numbers, scene);
+  if (summary) make_equal(images, numbers, scene);  // their weight leaves them apart by next to nothing
   return summary;
 }
 
