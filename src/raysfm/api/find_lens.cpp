@@ -236,6 +236,7 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
   Telling telling{lens_of_stretch(*found, stretch.tracks, first_frame, posed), {}};
   telling.lens->told_apart = wide.compared;
   if (is_aside(*found, stretch.tracks, options)) {
+    telling.lens->is_aside = true;
     return {{},
             fmt::format("the optical axis would meet the image {:.0f} % of its size from its middle",
                         100 * centre_aside(*found, stretch.tracks)),

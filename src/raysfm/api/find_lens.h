@@ -21,6 +21,7 @@ struct FoundLens {
   LensOrigin origin;
   bool told_apart = false;  // a perspective lens and one of another model were compared
   bool is_guess = false;    // only what its map says of it is asked for
+  bool is_aside = false;    // its optical axis is farther from the middle of the images than is believed
 
   const Camera& camera() const { return rig.cameras[0]; }
 };

@@ -30,9 +30,8 @@ constexpr double kAgree = 0.03, kMostlyPosed = 0.5;
 // Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
 // how much the map made from there may end apart.
 constexpr double kMostVague = 0.2, kNear = 0.1;
-// As parts of the larger side: by how much the principal point may move, and what makes one as far from the
-// middle as a crop does.
-constexpr double kCentreStays = 0.03, kFarAside = 0.12;
+// By how much the principal point of a crop may move, as a part of the larger side.
+constexpr double kCentreStays = 0.03;
 
 // Ends a run after so many frames, or with the run that it is a part of.
 class FrameLimit : public TrackWatcher {
@@ -105,8 +104,7 @@ Eigen::Vector2d centre_of(const FoundLens& lens) {
 // Whether an optical axis that is far from the middle of the images stays there: those of a crop do. Where a
 // rolling shutter that turns on the spot, or another lens, made it seem so, tracking has other reasons.
 bool centre_holds(const FoundLens& vague, const FoundLens& refined) {
-  const Eigen::Vector2d before = centre_of(vague);
-  return before.norm() <= kFarAside || (centre_of(refined) - before).norm() <= kCentreStays;
+  return !vague.is_aside || (centre_of(refined) - centre_of(vague)).norm() <= kCentreStays;
 }
 
 // From what a stretch says; none where its map says something else.

@@ -17,8 +17,8 @@ constexpr int kReweightings = 6;
 // Where the width changes by a smaller part, the weights have settled.
 constexpr double kSettledWidth = 1e-3;
 constexpr double kLeastWidth = 1e-4;  // pixels
-// Decrease of the cost, as a part of it, that ends an adjustment: of one whose weights are renewed
-// afterwards, and of the last.
+// Decrease of the cost, as a part of it, that ends an adjustment: of any, and of the last by Student's
+// weights.
 constexpr double kEnough = 1e-3, kEnoughAtLast = 1e-5;
 constexpr int kRadialTerms = 2;  // k1, k2
 
@@ -163,7 +163,7 @@ Result<OneLens> adjust_one_lens(const PointTracks& tracks, std::span<const uint8
     adjustment.constraints = constraints_for(tracks, options, true, width);
     adjustment.radial = first_terms(result.radial, radial_terms);
     adjustment.with_influence = last;
-    adjustment.lm.min_relative_decrease = last ? kEnoughAtLast : kEnough;
+    if (last) adjustment.lm.min_relative_decrease = kEnoughAtLast;
     auto summary = adjust_standard(tracks, weights, adjustment, &result.scene);
     if (!summary) return summary.error();
     result.radial = summary->radial;
