@@ -23,6 +23,9 @@ constexpr int kLeastSeen = 3;  // key frames that see a point
 // the first leaves kitti00-small a third more drift, and twice as much where its focal length is given 2 %
 // off. In short stretches 20 take a rendered pan's lens away.
 constexpr int kPoints = 10, kPointsOfLong = 40;
+// Where a shutter rolls, whose readout and the lens tell each other: with 20 rendered drives tell their
+// readout half as surely; 160 take twice the time and tell little more.
+constexpr int kPointsScanned = 80;
 constexpr int kFirstHas = 4;  // times as many
 // Standard deviations, beyond which an observation says nothing of a calibration: a map that has moved since
 // it fitted may have brought its point next to the plane of the camera, where distortions are without
@@ -100,13 +103,18 @@ bool CalibrationRefiner::is_due(int world, const Map& map, bool last) const {
   return fresh >= (last ? kLeastStretch : std::max<int>(kFirst, std::lround((kGrowth - 1) * measured())));
 }
 
+// Of each key frame of a stretch of so many.
+int CalibrationRefiner::points_of(const TrackingRig& rig, int keyframes) const {
+  if (rig.scans()) return kPointsScanned;
+  return keyframes < kLongest ? kPoints : kPointsOfLong;
+}
+
 // The longest tracks, of each key frame about as many.
-void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
+void CalibrationRefiner::choose_points(const Map& map, int begin, int end, int usual) {
   point_of_track_.resize(map.tracks.size(), -1);
   tracks_.clear();
   std::vector<std::pair<int, int>> by_length;
   const std::vector<int> seen = count_seen(map, begin, end);
-  const int usual = end - begin < kLongest ? kPoints : kPointsOfLong;
   for (int k = begin; k < end; ++k) {
     by_length.clear();
     for (const int t : map.keyframes[k].tracks) {
@@ -123,8 +131,8 @@ void CalibrationRefiner::choose_points(const Map& map, int begin, int end) {
   for (const int t : tracks_) point_of_track_[t] = -1;
 }
 
-void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of,
-                                int begin, int end) {
+void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const MotionOf& motion_of, int begin,
+                                int end, int points) {
   poses_.clear();
   free_.clear();
   points_.clear();
@@ -133,13 +141,13 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
   sigmas_.clear();
   velocities_.clear();
   const bool has_readout = parameters_.has_readout();
-  std::vector<Velocity> of_keyframe;
+  std::vector<RigMotion> of_keyframe;
   for (int k = begin; k < end; ++k) {
-    if (has_readout) of_keyframe.push_back(velocity_of(k));
+    if (has_readout) of_keyframe.push_back(motion_of(k));
     poses_.push_back(map.keyframes[k].rig_from_world);
     free_.push_back(k > begin);
   }
-  choose_points(map, begin, end);
+  choose_points(map, begin, end, points);
   for (const int t : tracks_) {
     for (const TrackObservation& o : map.tracks[t].observations) {
       const MapKeyFrame& k = map.keyframes[o.keyframe];
@@ -149,9 +157,14 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
       sigmas_.push_back(octave_side(k.octaves[o.feature]));
       if (rig.angular()) rays_.push_back(k.rays[o.feature]);
       if (has_readout) {
-        velocities_.push_back(image_velocity(rig, k.cameras[o.feature],
-                                             k.rig_from_world * map.tracks[t].position,
-                                             of_keyframe[o.keyframe - begin]));
+        const int camera = k.cameras[o.feature];
+        // What would leave the image within a usual readout lies next to the plane of the camera, and would
+        // outweigh all else.
+        const double fastest = rig.camera(camera).width / parameters_.readout_prior();
+        const double seconds = rig.camera(camera).exposed_after(k.pixels[o.feature].cast<double>());
+        const Eigen::Vector2d velocity = image_velocity(
+            rig, camera, k.rig_from_world * map.tracks[t].position, of_keyframe[o.keyframe - begin], seconds);
+        velocities_.push_back(velocity.norm() > fastest ? Eigen::Vector2d::Zero() : velocity);
       }
     }
     points_.push_back(map.tracks[t].position);
@@ -160,10 +173,9 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Ve
 }
 
 CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingRig& rig, int world,
-                                                                 const Map& map,
-                                                                 const VelocityOf& velocity_of, int begin,
-                                                                 int end) {
-  gather(rig, map, velocity_of, begin, end);
+                                                                 const Map& map, const MotionOf& motion_of,
+                                                                 int begin, int end, int points) {
+  gather(rig, map, motion_of, begin, end, points);
   const BundleProblem problem{.cameras = rig.cameras(),
                               .rig_from_world = poses_,
                               .pose_is_free = free_,
@@ -183,7 +195,7 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
 }
 
 void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
-                                 std::span<const uint8_t> left_out, const VelocityOf& velocity_of) {
+                                 std::span<const uint8_t> left_out, const MotionOf& motion_of) {
   const int count = static_cast<int>(map.keyframes.size());
   std::erase_if(stretches_, [&](const Stretch& s) { return is_outdated(s, world, map); });
   const int first = first_open(world);
@@ -192,14 +204,15 @@ void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& m
   for (int begin = first, end; begin < count; begin = end) {
     for (end = begin + 1; end < count && end - begin < kLongest && !leaves_out(end);) ++end;
     if (!leaves_out(begin) && end - begin >= kLeastStretch)
-      stretches_.push_back(measured_stretch(rig, world, map, velocity_of, begin, end));
+      stretches_.push_back(
+          measured_stretch(rig, world, map, motion_of, begin, end, points_of(rig, end - begin)));
   }
 }
 
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
-                                       std::span<const uint8_t> left_out, const VelocityOf& velocity_of) {
+                                       std::span<const uint8_t> left_out, const MotionOf& motion_of) {
   std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
-  measure(rig, world, map, left_out, velocity_of);
+  measure(rig, world, map, left_out, motion_of);
 }
 
 void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {
@@ -249,20 +262,21 @@ std::optional<FocalChange> CalibrationRefiner::change_at(std::span<const Stretch
 // Of the key frames of a world before `end`.
 std::vector<CalibrationRefiner::Stretch> CalibrationRefiner::short_stretches(const TrackingRig& rig,
                                                                              int world, const Map& map,
-                                                                             const VelocityOf& velocity_of,
+                                                                             const MotionOf& motion_of,
                                                                              int end) {
   std::vector<Stretch> stretches;
   for (int begin = 0; end - begin >= kLeastStretch; begin += kFirst)
-    stretches.push_back(measured_stretch(rig, world, map, velocity_of, begin, std::min(begin + kFirst, end)));
+    stretches.push_back(
+        measured_stretch(rig, world, map, motion_of, begin, std::min(begin + kFirst, end), kPoints));
   return stretches;
 }
 
 bool CalibrationRefiner::drop_turning_shutter(const TrackingRig& rig, int world, const Map& map,
-                                              const VelocityOf& velocity_of) {
+                                              const MotionOf& motion_of) {
   if (!parameters_.has_readout() || shutter_is_dropped_) return false;
   std::vector<double> least(parameters_.size(), 0), most(parameters_.size(), 0);
   for (const Stretch& s :
-       short_stretches(rig, world, map, velocity_of, static_cast<int>(map.keyframes.size()))) {
+       short_stretches(rig, world, map, motion_of, static_cast<int>(map.keyframes.size()))) {
     const CalibrationChoice choice = choose(s.evidence);
     for (int i = 0; i < parameters_.size(); ++i) {
       if (parameters_[i].kind != RigParameters::Kind::kReadout || choice.significance[i] < kSurelyScanned)
@@ -277,10 +291,10 @@ bool CalibrationRefiner::drop_turning_shutter(const TrackingRig& rig, int world,
 
 // The first stretch hides what changed within it: it is measured in short ones.
 std::optional<FocalChange> CalibrationRefiner::focal_change(const TrackingRig& rig, int world, const Map& map,
-                                                            const VelocityOf& velocity_of) {
+                                                            const MotionOf& motion_of) {
   if (how_ == LensRefinement::kOff || parameters_.size() == 0) return std::nullopt;
   const int count = static_cast<int>(map.keyframes.size());
-  std::vector<Stretch> stretches = short_stretches(rig, world, map, velocity_of, std::min(count, kLongest));
+  std::vector<Stretch> stretches = short_stretches(rig, world, map, motion_of, std::min(count, kLongest));
   std::ranges::copy_if(stretches_, std::back_inserter(stretches),
                        [&](const Stretch& s) { return s.world == world && s.begin >= kLongest; });
   std::ranges::sort(stretches, {}, &Stretch::end);
@@ -305,9 +319,9 @@ bool CalibrationRefiner::is_shutter_due(int keyframes) const {
 }
 
 std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int world, const Map& map,
-                                                    const VelocityOf& velocity_of) {
+                                                    const MotionOf& motion_of) {
   const CalibrationChoice before = choice_;
-  measure(rig, world, map, {}, velocity_of);
+  measure(rig, world, map, {}, motion_of);
   choice_ = choose(stretches_.back().evidence);
   for (int i = 0; i < parameters_.size(); ++i) {
     const bool is_readout = parameters_[i].kind == RigParameters::Kind::kReadout;
@@ -316,6 +330,13 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
   stretches_.clear();
   choice_ = before;
   return std::nullopt;
+}
+
+bool CalibrationRefiner::has_found_shutter() const {
+  for (int i = 0; i < parameters_.size(); ++i) {
+    if (parameters_[i].kind == RigParameters::Kind::kReadout && values_[i] != 0) return true;
+  }
+  return false;
 }
 
 // What was said of a calibration that was far from the new one does not count.

@@ -39,25 +39,28 @@ class CalibrationRefiner {
   // Whether a world has much that was not measured, or was at another scale; `last` when no more will come.
   bool is_due(int world, const Map& map, bool last) const;
 
-  // Velocity of the rig at a key frame of the world that is measured.
-  using VelocityOf = std::function<Velocity(int keyframe)>;
+  // Motion of the rig at a key frame of the world that is measured.
+  using MotionOf = std::function<RigMotion(int keyframe)>;
 
   // Measures what of a world was not measured yet, its last stretch anew where that became longer, and all of
   // it where its scale is another now. Key frames that are left out (1; shorter: the rest is not) are in no
   // stretch.
   void measure(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
-               const VelocityOf& velocity_of);
+               const MotionOf& motion_of);
 
   // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
   // and one that it tells beyond doubt. What is found there is forgotten where it tells none.
   bool is_shutter_due(int keyframes) const;
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
-                                  const VelocityOf& velocity_of);
+                                  const MotionOf& motion_of);
+
+  // Whether a rolling shutter that nobody told was found.
+  bool has_found_shutter() const;
 
   // Drops the rolling shutter, and returns true, where what was measured of a world says that rows are
   // exposed in one order in a part of it and in the other in another, each beyond doubt: as where a part of a
   // video plays backwards. No readout holds for both, and none is looked for any more.
-  bool drop_turning_shutter(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of);
+  bool drop_turning_shutter(const TrackingRig& rig, int world, const Map& map, const MotionOf& motion_of);
   bool dropped_shutter() const { return shutter_is_dropped_; }
 
   // A world is part of another now, or key frames moved to make room for it; or some are gone, which have the
@@ -71,15 +74,17 @@ class CalibrationRefiner {
   // measure_again() has been told what the adapted map says.
   bool take_over();
   void measure_again(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
-                     const VelocityOf& velocity_of);
+                     const MotionOf& motion_of);
 
   // Whether what was measured of a world says of its earlier part another focal length than of its later one,
   // beyond doubt: the camera zoomed, which one calibration does not hold.
   std::optional<FocalChange> focal_change(const TrackingRig& rig, int world, const Map& map,
-                                          const VelocityOf& velocity_of);
+                                          const MotionOf& motion_of);
 
   // Every number that is looked at, camera by camera; none where nothing was measured.
   std::vector<CalibrationNumber> numbers() const;
+  // Of what better() found last: CalibrationChoice::effect.
+  double effect() const { return choice_.effect; }
   // Whether the present calibration is that of another lens than the given one.
   bool contradicts() const { return contradicts_; }
   // The present calibration.
@@ -123,12 +128,14 @@ class CalibrationRefiner {
   double deviation(int parameter) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   std::optional<Rig> chosen_rig() const;
-  void gather(const TrackingRig& rig, const Map& map, const VelocityOf& velocity_of, int begin, int end);
-  void choose_points(const Map& map, int begin, int end);
+  void gather(const TrackingRig& rig, const Map& map, const MotionOf& motion_of, int begin, int end,
+              int points);
+  int points_of(const TrackingRig& rig, int keyframes) const;
+  void choose_points(const Map& map, int begin, int end, int usual);
   std::vector<Stretch> short_stretches(const TrackingRig& rig, int world, const Map& map,
-                                       const VelocityOf& velocity_of, int end);
-  Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const VelocityOf& velocity_of,
-                           int begin, int end);
+                                       const MotionOf& motion_of, int end);
+  Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const MotionOf& motion_of,
+                           int begin, int end, int points);
 
   LensRefinement how_;
   RigParameters parameters_;

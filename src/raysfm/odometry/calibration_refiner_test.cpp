@@ -131,10 +131,10 @@ Map noisy_map(const TrackingRig& rig) {
 TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
   const Rig given{{small_camera()}};
   const TrackingRig rig(given, ErrorMeasure::kPixel);
-  const auto velocity_of = [](int) { return Velocity(Velocity::Zero()); };
+  const auto motion_of = [](int) { return RigMotion{}; };
   const auto numbers_of = [&](const Map& map) {
     CalibrationRefiner refiner(given, LensRefinement::kAuto);
-    refiner.measure(rig, 0, map, {}, velocity_of);
+    refiner.measure(rig, 0, map, {}, motion_of);
     EXPECT_FALSE(refiner.better());
     return refiner.numbers();
   };
@@ -153,9 +153,9 @@ TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
   }
 }
 
-Velocity turning_velocity(int keyframe) {
+RigMotion turning_motion(int keyframe) {
   const TimedPose after{keyframe + 1e-3, turning_pose(keyframe + 1e-3)};
-  return velocity_at({double(keyframe), turning_pose(keyframe)}, std::span(&after, 1));
+  return motion_at({double(keyframe), turning_pose(keyframe)}, std::span(&after, 1));
 }
 
 // What cameras that are read downwards in `down` of its key frames, and else upwards, see of it.
@@ -173,7 +173,7 @@ Map scanned_map(int down) {
       keyframe.pixels[f] +=
           predict_scan_offset(k < down ? downwards : upwards, 0,
                               keyframe.rig_from_world * map.tracks[keyframe.tracks[f]].position,
-                              turning_velocity(k), keyframe.pixels[f].cast<double>());
+                              turning_motion(k), keyframe.pixels[f].cast<double>());
     }
   }
   return map;
@@ -187,8 +187,8 @@ TEST(CalibrationRefiner, AReadoutThatTurnsRoundIsDropped) {
   for (const int down : {all, all / 2}) {
     const Map map = scanned_map(down);
     CalibrationRefiner refiner(given, LensRefinement::kAuto, {.readout = 0.4});
-    EXPECT_EQ(refiner.drop_turning_shutter(rig, 0, map, turning_velocity), down != all);
-    refiner.measure(rig, 0, map, {}, turning_velocity);
+    EXPECT_EQ(refiner.drop_turning_shutter(rig, 0, map, turning_motion), down != all);
+    refiner.measure(rig, 0, map, {}, turning_motion);
     const std::optional<Rig> better = refiner.better();
     const double readout = better ? better->cameras[0].shutter.readout : 0;
     EXPECT_NEAR(readout, down == all ? 0.2 : 0, 0.02) << down << " of " << all;

@@ -207,7 +207,7 @@ void Localiser::predict_in(int camera, const Map& map, std::span<const KeyFrameV
     if (rig_.scans()) {
       query.predicted +=
           predict_scan_offset(rig_, camera, rig_from_world_rotation * position + rig_from_world.translation,
-                              velocity_, query.predicted.cast<double>());
+                              motion_, query.predicted.cast<double>());
     }
     queries_.push_back(query);
   }
@@ -224,7 +224,7 @@ void Localiser::work_out_offsets(const Map& map, const Rigid3& about) {
       pixels_.push_back(seen_[i].pixel.cast<double>());
     }
     camera_offsets_.resize(of_camera_.size());
-    scan_offsets(rig_, c, in_rig_, velocity_, pixels_, camera_offsets_);
+    scan_offsets(rig_, c, in_rig_, motion_, pixels_, camera_offsets_);
     for (size_t k = 0; k < of_camera_.size(); ++k) offsets_[of_camera_[k]] = camera_offsets_[k];
   }
 }

@@ -75,7 +75,7 @@ struct Localisation {
   bool ok = false;
   std::string reason;
   Rigid3 rig_from_world;
-  Velocity velocity = Velocity::Zero();    // of the rig, where it is known
+  RigMotion motion;                        // of the rig, where it is known
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of rig_from_world
   double sigma_px = 0;
   std::vector<PointMatch> matches;  // the inliers
@@ -111,7 +111,7 @@ class Localiser {
   Localiser(const TrackingRig& rig, const OdometryOptions& options) : rig_(rig), options_(options) {}
 
   // Of the rig at the views that come next: what it does to them where a shutter rolls.
-  void set_velocity(const Velocity& velocity) { velocity_ = velocity; }
+  void set_motion(const RigMotion& motion) { motion_ = motion; }
 
   // Some points of the local map are matched with corners for a first pose; then all are aligned where that
   // pose expects them.
@@ -169,7 +169,7 @@ class Localiser {
 
   const TrackingRig& rig_;
   const OdometryOptions& options_;
-  Velocity velocity_ = Velocity::Zero();
+  RigMotion motion_;
   GuidedMatcher matcher_;
   PoseEstimator estimator_;
   PoseEstimate estimate_;

@@ -219,10 +219,10 @@ void Mapper::add_keyframe(const ViewPtr& view, const Localisation& pose, Adjusti
     k.frame = view->frame;
     k.rig_from_world = pose.rig_from_world;
     for (const PointMatch& m : pose.matches) observe(rig_, m, keyframe, map);
-    follow_tracks(anchor, keyframe, pose.velocity, *view, map, *views);
-    correct_scan(rig_, pose.velocity, 0, keyframe, map);
+    follow_tracks(anchor, keyframe, pose.motion, *view, map, *views);
+    correct_scan(rig_, pose.motion, 0, keyframe, map);
     triangulate_tracks(keyframe, map);
-    complete_keyframe(view, keyframe, pose.velocity, map, views);
+    complete_keyframe(view, keyframe, pose.motion, map, views);
   }
   if (is_adjustment_due(adjusting, static_cast<int>(map->keyframes.size()))) adjust_locally(map);
   refit_surfaces(*map, views);
@@ -243,11 +243,11 @@ void Mapper::refit_surfaces(const Map& map, std::vector<KeyFrameView>* views) {
   }
 }
 
-void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, const Velocity& velocity, Map* map,
+void Mapper::complete_keyframe(const ViewPtr& view, int keyframe, const RigMotion& motion, Map* map,
                                std::vector<KeyFrameView>* views) {
   const int known = map->keyframes[keyframe].size();
   start_tracks(rig_, *view, kTrackSpacing, keyframe, map);
-  correct_scan(rig_, velocity, known, keyframe, map);
+  correct_scan(rig_, motion, known, keyframe, map);
   views->push_back(make_keyframe_view(view, map->keyframes[keyframe], rig_, known));
   if (!rig_.common_views().empty()) find_across(view, keyframe, map, views);
   views->back().view = images_of(*view);
@@ -291,13 +291,13 @@ bool Mapper::join_across(int keyframe, const AcrossMatch& match, Map* map) {
                  keyframe, map);
 }
 
-void Mapper::follow_tracks(int anchor, int keyframe, const Velocity& velocity, const View& view, Map* map,
+void Mapper::follow_tracks(int anchor, int keyframe, const RigMotion& motion, const View& view, Map* map,
                            std::span<const KeyFrameView> views) {
   if (!views[anchor].view) return;
-  for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, velocity, view, map, views);
+  for (int c = 0; c < rig_.size(); ++c) follow_in(c, anchor, keyframe, motion, view, map, views);
 }
 
-void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& velocity, const View& view,
+void Mapper::follow_in(int camera, int anchor, int keyframe, const RigMotion& motion, const View& view,
                        Map* map, std::span<const KeyFrameView> views) {
   const MapKeyFrame& from = map->keyframes[anchor];
   const Rigid3 target_from_anchor = rig_.cam_from_rig(camera) * map->keyframes[keyframe].rig_from_world *
@@ -328,7 +328,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const Velocity& vel
     if (rig_.scans()) {
       query.predicted +=
           predict_scan_offset(rig_, camera, rig_.camera(camera).rig_from_cam * on_rays_[kOnRay.size() * i],
-                              velocity, query.predicted.cast<double>());
+                              motion, query.predicted.cast<double>());
     }
     const float slack = kSearchSlack * octave_side(query.octave);
     query.radius = std::min(max_radius, slack + reach_along_ray(on_ray));

@@ -41,14 +41,14 @@ class Mapper {
                     std::vector<KeyFrameView>* views);
 
   // Follows the tracks without a position from key frame `from` to key frame `to` along their epipolar lines,
-  // each in its own camera. Does nothing where images of `from` are not there any more. `velocity`: of the
+  // each in its own camera. Does nothing where images of `from` are not there any more. `motion`: of the
   // rig at `to`.
-  void follow_tracks(int from, int to, const Velocity& velocity, const View& view, Map* map,
+  void follow_tracks(int from, int to, const RigMotion& motion, const View& view, Map* map,
                      std::span<const KeyFrameView> views);
 
   // The tail end of a key frame whose matches are in the map: starts tracks at the remaining corners, finds
   // tracks without a position in the other cameras of the same instant, and appends its view.
-  void complete_keyframe(const ViewPtr& view, int keyframe, const Velocity& velocity, Map* map,
+  void complete_keyframe(const ViewPtr& view, int keyframe, const RigMotion& motion, Map* map,
                          std::vector<KeyFrameView>* views);
 
   // Triangulates the tracks of a key frame that have no position, where parallax and reprojection allow.
@@ -93,7 +93,7 @@ class Mapper {
     Eigen::Vector3d translation;
   };
 
-  void follow_in(int camera, int from, int to, const Velocity& velocity, const View& view, Map* map,
+  void follow_in(int camera, int from, int to, const RigMotion& motion, const View& view, Map* map,
                  std::span<const KeyFrameView> views);
   void find_across(const ViewPtr& view, int keyframe, Map* map, std::vector<KeyFrameView>* views);
   bool join_across(int keyframe, const AcrossMatch& match, Map* map);

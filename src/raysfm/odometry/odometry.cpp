@@ -251,7 +251,7 @@ Rigid3 Odometry::moved_on(const Previous& from, const View& view) {
 }
 
 Localisation Odometry::follow(const View& view) {
-  localiser_.set_velocity(previous_->pose.velocity);
+  localiser_.set_motion(previous_->pose.motion);
   return localiser_.follow(segment().map, segment().views, local_, view, moved_on(*previous_, view));
 }
 
@@ -296,8 +296,8 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
 double Odometry::promote_previous(const Rigid3* next) {
   previous_->view = detected(previous_->view);
   if (rig_.scans()) {
-    previous_->pose.velocity =
-        velocity_of(previous_->view->frame, previous_->pose.rig_from_world, goes_back_ ? nullptr : next);
+    previous_->pose.motion =
+        motion_of(previous_->view->frame, previous_->pose.rig_from_world, goes_back_ ? nullptr : next);
   }
   return promote(previous_->view, previous_->pose, Adjusting::kNow);
 }
@@ -436,7 +436,8 @@ void Odometry::rescale_frames(int segment, double factor) {
   map_covariance_.rescale(segment, factor);
   if (!tracking() || segment != active_) return;
   previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
-  previous_->pose.velocity.head<3>() *= factor;
+  previous_->pose.motion.velocity.head<3>() *= factor;
+  previous_->pose.motion.acceleration.head<3>() *= factor;
   previous_->velocity.translation *= factor;
 }
 
@@ -492,7 +493,7 @@ void Odometry::settle(int number) {
   const Map& map = segments_[frame->segment].map;
   const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
   Rigid3 pose = present_pose(*frame, map);
-  if (rig_.scans()) localiser_.set_velocity(present_velocity(number));
+  if (rig_.scans()) localiser_.set_motion(present_motion(number));
   const bool is_keyframe = keyframe.frame >= 0 && &frames_[keyframe.frame] == frame;
   Matrix6d points_fixed;
   if (localiser_.refine(map, frame->matches, &pose, &points_fixed)) {
@@ -554,7 +555,7 @@ bool Odometry::turn_on_the_spot(const ViewPtr& view) {
 }
 
 bool Odometry::relocalise(const ViewPtr& view) {
-  localiser_.set_velocity(Velocity::Zero());
+  localiser_.set_motion(RigMotion{});
   if (find_again(view)) return true;
   const Map& map = segment().map;
   const int newest = static_cast<int>(map.keyframes.size()) - 1;

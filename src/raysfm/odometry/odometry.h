@@ -255,13 +255,15 @@ class Odometry {
   void resume(const ViewPtr& view, int keyframe, Localisation pose);
   void pose_missed(const std::vector<WaitingView>& missed);
   // odometry_scan.cpp:
-  Velocity velocity_of(int frame, const Rigid3& rig_from_world, const Rigid3* next = nullptr) const;
-  Velocity present_velocity(int frame) const;
-  Velocity keyframe_velocity(const MapKeyFrame& keyframe) const;
+  RigMotion motion_of(int frame, const Rigid3& rig_from_world, const Rigid3* next = nullptr) const;
+  RigMotion present_motion(int frame) const;
+  RigMotion keyframe_motion(const MapKeyFrame& keyframe) const;
   void follow_scan(const View& view, Localisation* pose);
   int first_scan_to_correct() const;
   void correct_scans(int segment, int first_keyframe);
-  Velocity start_velocity(int keyframe) const;
+  RigMotion start_motion(int keyframe) const;
+  void pose_again(int segment);
+  void pose_again(int segment, int frame);
   void refine_start();
   // odometry_across.cpp:
   EndedWorld end_world();
@@ -295,6 +297,7 @@ class Odometry {
   static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
+  bool take_calibration(int segment, const Rig& better, bool last);
   void adapt(int segment, int first_keyframe, Adaption how = Adaption::kTwoSeries);
   void find_scale(int number);
   void adjust_from(int segment, int first_keyframe, Adaption how);

@@ -59,7 +59,7 @@ void Odometry::begin_from(const ViewPtr& view) {
   previous_ = Previous{view, {}, {}, 0};
   previous_->pose.rig_from_world = present_pose(frames_[view->frame], segment().map);
   learn_velocity();
-  if (rig_.scans()) previous_->pose.velocity = present_velocity(view->frame);
+  if (rig_.scans()) previous_->pose.motion = present_motion(view->frame);
   set_anchor(0);
 }
 
@@ -76,13 +76,14 @@ bool Odometry::sees_old(ViewPtr view) {
 SharedView Odometry::shared_view(int world, int keyframe) const {
   const MapKeyFrame& k = segments_[world].map.keyframes[keyframe];
   SharedView out{keyframe, previous_->pose.rig_from_world, {}, {}};
-  Velocity velocity = rig_.scans() ? keyframe_velocity(k) : Velocity::Zero();
-  velocity.head<3>().setZero();
+  RigMotion motion = rig_.scans() ? keyframe_motion(k) : RigMotion{};
+  motion.velocity.head<3>().setZero();
+  motion.acceleration.head<3>().setZero();
   for (const PointMatch& m : previous_->pose.matches) {
     const Eigen::Vector3d in_rig = out.rig_from_there * segment().map.tracks[m.track].position;
     const Eigen::Vector2d pixel = m.pixel.cast<double>();
     Eigen::Vector2f offset = Eigen::Vector2f::Zero();
-    if (rig_.scans()) scan_offsets(rig_, m.camera, {&in_rig, 1}, velocity, {&pixel, 1}, {&offset, 1});
+    if (rig_.scans()) scan_offsets(rig_, m.camera, {&in_rig, 1}, motion, {&pixel, 1}, {&offset, 1});
     out.matches.push_back(m);
     out.instant_pixels.push_back(m.pixel - offset);
   }
@@ -115,7 +116,7 @@ std::vector<SamePoint> Odometry::tie(const SharedPoints& shared, std::span<const
       if (m.track >= 0 && !is_observed(map, m.track, v.keyframe, m.camera))
         observe(rig_, m, v.keyframe, &map);
     }
-    correct_scan(rig_, rig_.scans() ? keyframe_velocity(k) : Velocity::Zero(), known, v.keyframe, &map);
+    correct_scan(rig_, rig_.scans() ? keyframe_motion(k) : RigMotion{}, known, v.keyframe, &map);
     KeyFrameView& view = ended->views[v.keyframe];
     view = make_keyframe_view(view.view, k, rig_);
   }

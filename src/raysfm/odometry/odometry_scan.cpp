@@ -15,7 +15,7 @@ constexpr int kNeighbours = 2;  // frames to either side that tell how fast the 
 
 // Of the rig at a frame, from those before it and those after it in its world; `next` is the pose of the
 // frame after it where that is not recorded yet.
-Velocity Odometry::velocity_of(int number, const Rigid3& rig_from_world, const Rigid3* next) const {
+RigMotion Odometry::motion_of(int number, const Rigid3& rig_from_world, const Rigid3* next) const {
   const TimedPose here{frames_[number].timestamp, rig_from_world};
   const int segment = frames_[number].segment >= 0 ? frames_[number].segment : active_;
   std::vector<TimedPose> others;
@@ -35,25 +35,25 @@ Velocity Odometry::velocity_of(int number, const Rigid3& rig_from_world, const R
       }
     }
   }
-  return velocity_at(here, others);
+  return motion_at(here, others);
 }
 
-Velocity Odometry::present_velocity(int number) const {
-  return velocity_of(number, present_pose(frames_[number], segments_[frames_[number].segment].map));
+RigMotion Odometry::present_motion(int number) const {
+  return motion_of(number, present_pose(frames_[number], segments_[frames_[number].segment].map));
 }
 
 // The pose of the newest frame again, now that its motion is known better than it was foretold.
 void Odometry::follow_scan(const View& view, Localisation* pose) {
   if (!rig_.scans()) return;
-  pose->velocity = velocity_of(view.frame, pose->rig_from_world);
-  localiser_.set_velocity(pose->velocity);
+  pose->motion = motion_of(view.frame, pose->rig_from_world);
+  localiser_.set_motion(pose->motion);
   const std::vector<TrackPixel> matches(pose->matches.begin(), pose->matches.end());
   localiser_.refine(segment().map, matches, &pose->rig_from_world, &pose->covariance);
 }
 
 // Zero at key frames of earlier runs.
-Velocity Odometry::keyframe_velocity(const MapKeyFrame& keyframe) const {
-  return keyframe.frame < 0 ? Velocity::Zero() : velocity_of(keyframe.frame, keyframe.rig_from_world);
+RigMotion Odometry::keyframe_motion(const MapKeyFrame& keyframe) const {
+  return keyframe.frame < 0 ? RigMotion{} : motion_of(keyframe.frame, keyframe.rig_from_world);
 }
 
 // Key frames that no adjustment moves any more see only new points elsewhere: they are gone through again
@@ -73,16 +73,16 @@ void Odometry::correct_scans(int number, int first_keyframe) {
     const MapKeyFrame& keyframe = s.map.keyframes[k];
     if (keyframe.frame < 0) continue;
     const bool at_hand = k < static_cast<int>(s.views.size()) && s.views[k].view;
-    correct_scan(rig_, keyframe_velocity(keyframe), 0, k, &s.map, at_hand ? &s.views[k] : nullptr);
+    correct_scan(rig_, keyframe_motion(keyframe), 0, k, &s.map, at_hand ? &s.views[k] : nullptr);
   }
 }
 
 // Between two key frames of a start.
-Velocity Odometry::start_velocity(int keyframe) const {
+RigMotion Odometry::start_motion(int keyframe) const {
   const std::vector<MapKeyFrame>& k = segment().map.keyframes;
   const TimedPose from{frames_[k[keyframe - 1].frame].timestamp, k[keyframe - 1].rig_from_world};
   const TimedPose to{frames_[k[keyframe].frame].timestamp, k[keyframe].rig_from_world};
-  return velocity_at(from, std::span(&to, 1));
+  return motion_at(from, std::span(&to, 1));
 }
 
 // The start was made of what corners did in the image. Now all of its frames have poses.
@@ -93,18 +93,31 @@ void Odometry::refine_start() {
     const int keyframes = static_cast<int>(s.map.keyframes.size());
     for (int k = 0; k < keyframes; ++k) mapper_.triangulate_tracks(k, &s.map);
     mapper_.adjust_globally(&s.map);
-    for (int i = 0; i < frames(); ++i) {
-      FrameRecord& frame = frames_[i];
-      const bool hangs = frame.segment == world() && s.map.keyframes[frame.keyframe].frame != i;
-      if (!hangs || frame.matches.empty()) continue;
-      Rigid3 pose = present_pose(frame, s.map);
-      localiser_.set_velocity(present_velocity(i));
-      Matrix6d points_fixed;
-      if (!localiser_.refine(s.map, frame.matches, &pose, &points_fixed)) continue;
-      frame.rig_from_keyframe = pose * s.map.keyframes[frame.keyframe].rig_from_world.inverse();
-      frame.covariance = with_map(world(), frame.keyframe, pose, points_fixed);
-    }
+    pose_again(world());
   }
+}
+
+// The frames of a world that are not settled, but for key frames. Each moves with its neighbours: a pass
+// leaves a quarter of what they are off by. With one, a readout and what it is measured by led each other
+// astray.
+void Odometry::pose_again(int number) {
+  constexpr int kPasses = 2;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    for (int i = settled_before_; i < frames(); ++i) pose_again(number, i);
+  }
+}
+
+void Odometry::pose_again(int number, int i) {
+  const Map& map = segments_[number].map;
+  FrameRecord& frame = frames_[i];
+  const bool hangs = frame.segment == number && map.keyframes[frame.keyframe].frame != i;
+  if (!hangs || frame.matches.empty()) return;
+  Rigid3 pose = present_pose(frame, map);
+  localiser_.set_motion(present_motion(i));
+  Matrix6d points_fixed;
+  if (!localiser_.refine(map, frame.matches, &pose, &points_fixed)) return;
+  frame.rig_from_keyframe = pose * map.keyframes[frame.keyframe].rig_from_world.inverse();
+  frame.covariance = with_map(number, frame.keyframe, pose, points_fixed);
 }
 
 }  // namespace raysfm

@@ -77,9 +77,9 @@ TEST(OdometryScan, AReadoutThatNobodyToldIsFound) {
   RollingShutter found;
   const Reconstruction r = track_scanned(views, 0, options, &found);
   EXPECT_EQ(found.direction, RollingShutter::Direction::kDown);
-  EXPECT_NEAR(found.readout / stamped_readout(views), 1, 0.1);
+  EXPECT_NEAR(found.readout / stamped_readout(views), 1, 0.05);
   const double global = percent_of_path(track_scanned(global_shutter(), 0), global_shutter());
-  EXPECT_LT(percent_of_path(r, views), 2 * global);
+  EXPECT_LT(percent_of_path(r, views), 1.5 * global);
 }
 
 // Time stamps that count frames are seconds of another length.

@@ -68,7 +68,7 @@ void Odometry::go_on_from(const ViewPtr& view, int keyframe) {
   const Map& map = segment().map;
   previous_ = Previous{view, seen_by_keyframe(map.keyframes[keyframe], map), {}, 0};
   learn_velocity();
-  if (rig_.scans()) previous_->pose.velocity = present_velocity(view->frame);
+  if (rig_.scans()) previous_->pose.motion = present_motion(view->frame);
   set_anchor(keyframe);
 }
 
@@ -122,7 +122,7 @@ void Odometry::pose_start_frames(const Start& start, const std::vector<WaitingVi
     record(views[i].frame, seen_by_keyframe(map.keyframes[next], map), next);
     local = make_local_map(map, segment().views, rig_, next, kLocalReach);
     ++next;
-    if (rig_.scans() && next < 3) localiser_.set_velocity(start_velocity(next));
+    if (rig_.scans() && next < 3) localiser_.set_motion(start_motion(next));
   }
 }
 
@@ -175,7 +175,7 @@ void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int en
   Rigid3 next = posed(first_view), velocity;
   LocalMap local;
   local.anchor = -1;
-  if (rig_.scans()) localiser_.set_velocity(present_velocity(views[first_view].frame));
+  if (rig_.scans()) localiser_.set_motion(present_motion(views[first_view].frame));
   for (int v = first_view - 1; v >= end; --v) {
     const WaitingView& waiting = views[v];
     if (frames_[waiting.frame].segment < 0) {

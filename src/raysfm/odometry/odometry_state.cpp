@@ -11,8 +11,9 @@ void archive_fields(A& a, PointMatch& x) {
 
 template <typename A>
 void archive_fields(A& a, Localisation& x) {
-  archive(a, x.ok, x.reason, x.rig_from_world, x.velocity, x.covariance, x.sigma_px, x.matches, x.visible,
-          x.anchor_points, x.visible_in_anchor, x.matched_with_anchor, x.blurred);
+  archive(a, x.ok, x.reason, x.rig_from_world, x.motion.velocity, x.motion.acceleration, x.covariance,
+          x.sigma_px, x.matches, x.visible, x.anchor_points, x.visible_in_anchor, x.matched_with_anchor,
+          x.blurred);
 }
 
 template <typename A>

@@ -467,10 +467,10 @@ void Starter::add_points(const std::array<int, 3>& views, Start* start, Mapper& 
   for (int v = 0; v < 3; ++v) {
     const ViewPtr& view = views_[views[v]].view;
     if (v > 0) {
-      mapper.follow_tracks(v - 1, v, Velocity::Zero(), *view, &map, completed);
+      mapper.follow_tracks(v - 1, v, RigMotion{}, *view, &map, completed);
       mapper.triangulate_tracks(v, &map);
     }
-    mapper.complete_keyframe(view, v, Velocity::Zero(), &map, &completed);
+    mapper.complete_keyframe(view, v, RigMotion{}, &map, &completed);
   }
   start->views = std::move(completed);
   mapper.adjust_globally(&map);

@@ -37,7 +37,7 @@ bool point_of(const TrackingRig& rig, const Map& map, const MapKeyFrame& k, cons
 
 }  // namespace
 
-void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map,
+void correct_scan(const TrackingRig& rig, const RigMotion& motion, int first, int keyframe, Map* map,
                   KeyFrameView* view) {
   constexpr float kStill = 0.002f;  // pixels
   if (!rig.scans()) return;
@@ -59,7 +59,7 @@ void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, i
       pixels.push_back(k.pixels[f].cast<double>());
     }
     offsets.resize(features.size());
-    scan_offsets(rig, c, points_in_rig, velocity, pixels, offsets);
+    scan_offsets(rig, c, points_in_rig, motion, pixels, offsets);
     for (size_t i = 0; i < features.size(); ++i) {
       const int f = features[i];
       if ((k.pixels[f] - k.instant_pixel(f) - offsets[i]).squaredNorm() < kStill * kStill) continue;

@@ -10,7 +10,7 @@ namespace raysfm {
 // positions that their tracks have, or else at the median distance of the others. What moves by less than a
 // five-hundredth of a pixel stays. The rays of `view`, that of the key frame where it is given, follow. Does
 // nothing where no camera of the rig has a rolling shutter.
-void correct_scan(const TrackingRig& rig, const Velocity& velocity, int first, int keyframe, Map* map,
+void correct_scan(const TrackingRig& rig, const RigMotion& motion, int first, int keyframe, Map* map,
                   KeyFrameView* view = nullptr);
 
 // Sets that of one feature.
