@@ -61,8 +61,8 @@ class RigParameters {
   bool concerns(int i, int camera) const;
   // Whether readouts are among the unknowns.
   bool has_readout() const { return prior_.readout > 0 && size() > 0; }
-  // Standard deviation of a readout's prior, seconds; 0: none is among the unknowns.
-  double readout_prior() const { return has_readout() ? prior_.readout : 0; }
+  // Standard deviation of their prior, seconds.
+  double readout_prior() const { return prior_.readout; }
   // Whether the given lens was found as if no shutter rolled.
   bool is_bent_by_shutter() const { return prior_.without_shutter; }
   // Of the number that an unknown changes in a camera: its name, and its value in a rig.

@@ -485,22 +485,25 @@ void Odometry::record(int number, const Localisation& pose, int keyframe, const 
   if (is_new && !goes_back_) tell_posed(number);
 }
 
-// The pose again, now that later key frames have improved the points. A key frame keeps the pose that the
-// adjustment gave it; its covariance is renewed.
-void Odometry::settle(int number) {
+// By its matches, as the map is now. A key frame keeps the pose that the adjustment gave it; its covariance
+// is renewed.
+void Odometry::pose_again(int number) {
   FrameRecord* frame = &frames_[number];
   if (frame->segment < 0 || frame->matches.empty()) return;
   const Map& map = segments_[frame->segment].map;
   const MapKeyFrame& keyframe = map.keyframes[frame->keyframe];
   Rigid3 pose = present_pose(*frame, map);
   if (rig_.scans()) localiser_.set_motion(present_motion(number));
-  const bool is_keyframe = keyframe.frame >= 0 && &frames_[keyframe.frame] == frame;
   Matrix6d points_fixed;
-  if (localiser_.refine(map, frame->matches, &pose, &points_fixed)) {
-    if (!is_keyframe) frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
-    frame->covariance = with_map(frame->segment, frame->keyframe, pose, points_fixed);
-  }
-  frame->matches = std::vector<TrackPixel>();  // frees the memory, which {} does not
+  if (!localiser_.refine(map, frame->matches, &pose, &points_fixed)) return;
+  if (keyframe.frame != number) frame->rig_from_keyframe = pose * keyframe.rig_from_world.inverse();
+  frame->covariance = with_map(frame->segment, frame->keyframe, pose, points_fixed);
+}
+
+// The pose is final, now that later key frames have improved the points.
+void Odometry::settle(int number) {
+  pose_again(number);
+  frames_[number].matches = std::vector<TrackPixel>();  // frees the memory, which {} does not
 }
 
 void Odometry::settle_until(int end) {

@@ -262,8 +262,7 @@ class Odometry {
   int first_scan_to_correct() const;
   void correct_scans(int segment, int first_keyframe);
   RigMotion start_motion(int keyframe) const;
-  void pose_again(int segment);
-  void pose_again(int segment, int frame);
+  void pose_frames_again(int segment);
   void refine_start();
   // odometry_across.cpp:
   EndedWorld end_world();
@@ -310,6 +309,7 @@ class Odometry {
   void record(int frame, const Localisation& pose, int keyframe, const Matrix6d& covariance);
   Matrix6d with_map(int segment, int keyframe, const Rigid3& rig_from_world,
                     const Matrix6d& points_fixed) const;
+  void pose_again(int frame);
   void settle(int frame);
   void settle_until(int frame);
   void lose(ViewPtr view, const std::string& reason);

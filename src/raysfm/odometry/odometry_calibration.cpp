@@ -14,8 +14,9 @@ constexpr int kAdapted = 40;
 // Effect of a change that a few steps do not adapt a map to: what is still off by more than an inlier may be
 // is taken for an outlier. Of the maps of fr1-rpy, changed by 0.12 to 0.19, that left a twentieth.
 constexpr double kConsiderable = 0.1;
-// Effect of a change below which a further round is left to the next time, or the end, and a few steps by
-// some of the points adapt a map to a rolling shutter.
+// The same where a shutter rolls: what rows see moves each by another way.
+constexpr double kBends = 0.01;
+// Effect below which a further round is left to the next time, or the end.
 constexpr double kMayWait = 0.01;
 
 }  // namespace
@@ -63,15 +64,14 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool is_far = refiner_.take_over();
   // A large map has its newest part adapted while it grows, and goes on with that.
   const bool all = last || keyframes <= kAdapted;
-  // What rows see moves each by another way.
-  const bool bends = rig_.scans() && refiner_.effect() > kMayWait;
+  const bool bends = rig_.scans() && refiner_.effect() > kBends;
   Adaption how = last || bends ? Adaption::kTwoSeries : Adaption::kThinned;
   if (refiner_.effect() > kConsiderable) how = Adaption::kToTheEnd;
   adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
   if (all) find_scale(number);
   // Motion tells the readout, and the readout and the lens the motion.
   const bool moves = all && refiner_.has_found_shutter();
-  if (moves) pose_again(number);
+  if (moves) pose_frames_again(number);
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
   return is_far || moves || (all && !rig_.central());
 }

@@ -93,31 +93,21 @@ void Odometry::refine_start() {
     const int keyframes = static_cast<int>(s.map.keyframes.size());
     for (int k = 0; k < keyframes; ++k) mapper_.triangulate_tracks(k, &s.map);
     mapper_.adjust_globally(&s.map);
-    pose_again(world());
+    pose_frames_again(world());
   }
 }
 
 // The frames of a world that are not settled, but for key frames. Each moves with its neighbours: a pass
 // leaves a quarter of what they are off by. With one, a readout and what it is measured by led each other
 // astray.
-void Odometry::pose_again(int number) {
+void Odometry::pose_frames_again(int number) {
   constexpr int kPasses = 2;
+  const std::vector<MapKeyFrame>& keyframes = segments_[number].map.keyframes;
   for (int pass = 0; pass < kPasses; ++pass) {
-    for (int i = settled_before_; i < frames(); ++i) pose_again(number, i);
+    for (int i = settled_before_; i < frames(); ++i) {
+      if (frames_[i].segment == number && keyframes[frames_[i].keyframe].frame != i) pose_again(i);
+    }
   }
-}
-
-void Odometry::pose_again(int number, int i) {
-  const Map& map = segments_[number].map;
-  FrameRecord& frame = frames_[i];
-  const bool hangs = frame.segment == number && map.keyframes[frame.keyframe].frame != i;
-  if (!hangs || frame.matches.empty()) return;
-  Rigid3 pose = present_pose(frame, map);
-  localiser_.set_motion(present_motion(i));
-  Matrix6d points_fixed;
-  if (!localiser_.refine(map, frame.matches, &pose, &points_fixed)) return;
-  frame.rig_from_keyframe = pose * map.keyframes[frame.keyframe].rig_from_world.inverse();
-  frame.covariance = with_map(number, frame.keyframe, pose, points_fixed);
 }
 
 }  // namespace raysfm

@@ -133,8 +133,9 @@ TEST(RollingShutter, ImageVelocityIsHowFastThePixelMoves) {
     };
     const Eigen::Vector2d expected = (seen_after(time + kStep) - seen_after(time - kStep)) / (2 * kStep);
     const Eigen::Vector2d velocity = image_velocity(rig, 0, in_rig, some_motion(), time);
-    // By no more than what the rotation vector's derivative differs from the angular velocity by.
-    EXPECT_LT((velocity - expected).norm(), 0.01 * expected.norm()) << time;
+    // Off the instant, the derivative of a rotation vector is not quite the angular velocity.
+    const double bound = time == 0 ? 1e-3 : 2e-3;
+    EXPECT_LT((velocity - expected).norm(), bound * expected.norm()) << time;
   }
 }
 
