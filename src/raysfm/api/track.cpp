@@ -594,7 +594,7 @@ std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const 
   // What a file says of a lens stands; what was found as if no shutter rolled does not.
   const Rig& rig = sources.lens_is_given() ? sources.rig : first.rig;
   FoundLens lens{rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
-  lens.prior.readout = 0;
+  if (aftermath.dropped_shutter) lens.prior.readout = 0;
   for (size_t c = 0; c < lens.rig.cameras.size(); ++c)
     lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;
   TrackSettings settings = given;
@@ -607,9 +607,10 @@ std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const 
   const Reconstruction& second = again->reconstruction;
   if (posed_count(second) < posed_count(first) || second.segments.size() > first.segments.size())
     return std::nullopt;
-  std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
-                       [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });
-  warn({}, unit_warning(again->reconstruction.rig, sources), &again->report.warnings);
+  if (aftermath.dropped_shutter) {
+    std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
+                         [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });
+  }
   warn({}, dropped_shutter_warning(aftermath.dropped_shutter), &again->report.warnings);
   auto& stages = again->report.stages;
   if (sources.find_ms > 0) stages.insert(stages.begin(), tracked.report.stages.front());

@@ -56,7 +56,8 @@ std::vector<int> count_seen(const Map& map, int begin, int end) {
 CalibrationRefiner::CalibrationRefiner(const Rig& given, LensRefinement how, const CalibrationPrior& prior)
     : how_(how),
       parameters_(given, how == LensRefinement::kOn ? kDoubt : 1, prior),
-      values_(Eigen::VectorXd::Zero(parameters_.size())) {
+      values_(parameters_.first_values()),
+      begins_with_shutter_(has_found_shutter()) {
   choice_ = choose(CalibrationEvidence::nothing(values_));
 }
 
@@ -232,6 +233,7 @@ std::optional<Rig> CalibrationRefiner::better() {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
   choice_ = choose(all);
+  if (begins_with_shutter_ && !has_readout(choice_.values)) return std::nullopt;
   return is_worth_it(choice_, !values_.isZero()) ? chosen_rig() : std::nullopt;
 }
 
@@ -315,7 +317,7 @@ std::optional<Rig> CalibrationRefiner::chosen_rig() const {
 
 bool CalibrationRefiner::is_shutter_due(int keyframes) const {
   return how_ != LensRefinement::kOff && parameters_.has_readout() && stretches_.empty() &&
-         keyframes == kShutterKeyFrames;
+         keyframes == kShutterKeyFrames && !has_found_shutter();
 }
 
 std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int world, const Map& map,
@@ -332,9 +334,9 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
   return std::nullopt;
 }
 
-bool CalibrationRefiner::has_found_shutter() const {
+bool CalibrationRefiner::has_readout(const Eigen::VectorXd& values) const {
   for (int i = 0; i < parameters_.size(); ++i) {
-    if (parameters_[i].kind == RigParameters::Kind::kReadout && values_[i] != 0) return true;
+    if (parameters_[i].kind == RigParameters::Kind::kReadout && values[i] != 0) return true;
   }
   return false;
 }

@@ -55,7 +55,7 @@ class CalibrationRefiner {
                                   const MotionOf& motion_of);
 
   // Whether a rolling shutter that nobody told was found.
-  bool has_found_shutter() const;
+  bool has_found_shutter() const { return has_readout(values_); }
 
   // Drops the rolling shutter, and returns true, where what was measured of a world says that rows are
   // exposed in one order in a part of it and in the other in another, each beyond doubt: as where a part of a
@@ -126,6 +126,7 @@ class CalibrationRefiner {
   std::optional<FocalChange> change_at(std::span<const Stretch> stretches, size_t split,
                                        double* significance) const;
   double deviation(int parameter) const;
+  bool has_readout(const Eigen::VectorXd& values) const;
   CalibrationNumber number(int parameter, int camera, const Rig& present) const;
   std::optional<Rig> chosen_rig() const;
   void gather(const TrackingRig& rig, const Map& map, const MotionOf& motion_of, int begin, int end,
@@ -141,6 +142,7 @@ class CalibrationRefiner {
   RigParameters parameters_;
   Eigen::VectorXd values_;
   CalibrationChoice choice_;  // of what was measured last
+  bool begins_with_shutter_ = false;  // that was found before, and stays
   bool contradicts_ = false;
   bool shutter_is_dropped_ = false;
   std::vector<Stretch> stretches_;

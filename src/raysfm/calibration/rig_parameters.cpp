@@ -151,8 +151,17 @@ RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPr
     const double shift = kShiftPrior * distance;
     for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, shift, shift);
   }
-  for (int axis = 0; axis < 2 && prior_.readout > 0 && size() > 0; ++axis)
+  if (prior_.readout > 0 && size() > 0) add_readout();
+  first_values_.conservativeResizeLike(Eigen::VectorXd::Zero(size()));
+}
+
+void RigParameters::add_readout() {
+  first_values_ = Eigen::VectorXd::Zero(size() + 2);
+  for (int axis = 0; axis < 2; ++axis) {
+    first_values_[size()] = readout_along(axis, given_.cameras[0].shutter);
     add(0, Kind::kReadout, axis, prior_.readout, prior_.readout);
+  }
+  for (Camera& camera : given_.cameras) camera.shutter = {};
 }
 
 void RigParameters::add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma) {

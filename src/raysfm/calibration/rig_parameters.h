@@ -15,7 +15,9 @@ struct CalibrationPrior {
   double aspect = 0.002;  // of fy / fx, as a part of it
   double centre = 0.01;   // of the principal point, as a part of the image's width
   double rim = 0.03;      // of a coefficient of distortion: what moves the rim of the image by this part
-  double readout = 0;     // of a rolling shutter whose readout is not given, seconds; 0: there is none
+  // Of a rolling shutter, seconds; 0: it is as the cameras say. Else a shutter of theirs is what was found
+  // before, from where it goes on.
+  double readout = 0;
   // Of a lens that was found as if no shutter rolled: where one does, little of that holds.
   bool without_shutter = false;
 };
@@ -56,7 +58,10 @@ class RigParameters {
 
   int size() const { return static_cast<int>(parameters_.size()); }
   const Parameter& operator[](int i) const { return parameters_[i]; }
+  // As given, but for a shutter that was found.
   const Rig& given() const { return given_; }
+  // Zero but for the readout of a shutter that was found.
+  const Eigen::VectorXd& first_values() const { return first_values_; }
   // Whether the rays of a camera depend on an unknown.
   bool concerns(int i, int camera) const;
   // Whether readouts are among the unknowns.
@@ -76,6 +81,7 @@ class RigParameters {
   Eigen::VectorXd prior_sigma(bool is_bent) const;
 
  private:
+  void add_readout();
   void add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma);
   void add_model(int camera);
   bool is_like_first(int camera) const;
@@ -84,6 +90,7 @@ class RigParameters {
   double doubt_;
   CalibrationPrior prior_;
   std::vector<Parameter> parameters_;
+  Eigen::VectorXd first_values_;
 };
 
 }  // namespace raysfm

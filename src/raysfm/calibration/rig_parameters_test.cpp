@@ -121,6 +121,25 @@ TEST(RigParameters, CamerasOfOtherFocalLengthsShareNothing) {
   }
 }
 
+TEST(RigParameters, AShutterThatWasFoundIsWhereTheyBegin) {
+  using Direction = RollingShutter::Direction;
+  for (const Direction direction : {Direction::kDown, Direction::kUp, Direction::kLeft, Direction::kRight}) {
+    Rig rig = stereo_rig();
+    for (Camera& camera : rig.cameras) camera.shutter = {0.012, direction};
+    const RigParameters held(rig);
+    EXPECT_EQ(held.first_values(), Eigen::VectorXd::Zero(held.size()));
+    EXPECT_EQ(held.given().cameras[1].shutter.readout, 0.012);
+
+    const RigParameters free(rig, 1, {.readout = 0.02});
+    EXPECT_EQ(free.given().cameras[1].shutter.readout, 0);
+    const Rig first = free.rig(free.first_values());
+    for (const Camera& camera : first.cameras) {
+      EXPECT_EQ(camera.shutter.readout, 0.012);
+      EXPECT_EQ(camera.shutter.direction, direction);
+    }
+  }
+}
+
 TEST(RigParameters, NumbersAreThoseOfTheCamera) {
   const RigParameters parameters(stereo_rig());
   Eigen::VectorXd values(parameters.size());

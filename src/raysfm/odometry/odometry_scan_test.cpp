@@ -82,6 +82,15 @@ TEST(OdometryScan, AReadoutThatNobodyToldIsFound) {
   EXPECT_LT(percent_of_path(r, views), 1.5 * global);
 }
 
+TEST(OdometryScan, AReadoutThatWasFoundBeforeIsFoundBetter) {
+  const SynthViews& views = rolling_shutter();
+  OdometryOptions options;
+  options.calibration_prior.readout = 2 * stamped_readout(views);
+  RollingShutter found;
+  track_scanned(views, 0.8 * stamped_readout(views), options, &found);
+  EXPECT_NEAR(found.readout / stamped_readout(views), 1, 0.05);
+}
+
 // Time stamps that count frames are seconds of another length.
 TEST(OdometryScan, AReadoutIsFoundInAnyUnitOfTime) {
   constexpr double kUnits = 30;  // to a second
