@@ -25,9 +25,9 @@ struct SynthViews {
   }
 };
 
-// The first frames of a world through small_camera(); `readout` in seconds.
+// The first frames of a world; `readout` in seconds.
 inline SynthViews synth_views(const std::string& world, const std::string& motion, int frames,
-                              uint64_t seed = 0, double readout = 0) {
+                              uint64_t seed = 0, double readout = 0, const Camera& camera = small_camera()) {
   ThreadPool pool(0);
   synth::SequenceOptions options;
   options.world = world;
@@ -36,7 +36,7 @@ inline SynthViews synth_views(const std::string& world, const std::string& motio
   options.seed = seed;
   options.render.samples = 1;
   options.render.readout = readout;
-  auto sequence = synth::Sequence::create(options, Rig{{small_camera()}}, pool);
+  auto sequence = synth::Sequence::create(options, Rig{{camera}}, pool);
   SynthViews out;
   if (!sequence) {
     ADD_FAILURE() << sequence.error().message;

@@ -51,7 +51,7 @@ constexpr int kEnoughCommon = 100;
 constexpr int kLeastViews = 5, kSamples = 200;
 constexpr double kLeastFocal = 0.15, kMostFocal = 10;
 // What a field of view that is told may be off by: makers give it of the sensor, or with another crop.
-constexpr CalibrationPrior kTold{.focal = 0.1, .centre = 0.02, .rim = 0.05};
+constexpr CalibrationPrior kTold{.focal = 0.1, .centre = 0.02, .rim = 0.2, .is_guess = true};
 // Between these lie the standard deviations of the other numbers of a lens that is found.
 constexpr CalibrationPrior kSurest{.centre = 0.002, .rim = 0.005}, kVaguest{.centre = 0.03, .rim = 0.03};
 constexpr double kLeastFov = 5, kMostFov = 150;  // degrees

@@ -20,9 +20,10 @@ namespace raysfm {
 namespace {
 
 // Focal lengths to begin with, in parts of the longer side of the image: of 76 and 50 degrees. From either,
-// tracking finds lenses that are half as far again to both sides.
+// tracking finds lenses that are half as far again to both sides, and those of action cameras, whose
+// distortion is a fifth at the rim.
 constexpr std::array kGuesses = {0.64, 1.07};
-constexpr CalibrationPrior kGuessed{.focal = 0.2, .centre = 0.02, .rim = 0.05};
+constexpr CalibrationPrior kGuessed{.focal = 0.2, .centre = 0.02, .rim = 0.2, .is_guess = true};
 constexpr int kMostTracked = 900;
 constexpr int kMostGuesses = 2;  // the second begins where the first ended
 // By how much the two may end apart, as a part of the focal length; and what must have a pose.

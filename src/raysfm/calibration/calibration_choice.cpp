@@ -31,6 +31,10 @@ constexpr double kFastestReadout = 0.003;
 // images that were squeezed, and what the prior is then multiplied by.
 constexpr double kContradiction = 4, kAnotherLens = 10, kSqueezed = 25;
 
+// Logarithm of the factor to a focal length in one step. Once it was off by two, a whole step led on to
+// another lens altogether; 0.15 is as good and takes longer.
+constexpr double kReach = 0.3;
+
 // Some of the unknowns, in units of the standard deviations of their priors.
 struct Posterior {
   Eigen::VectorXd values;
@@ -212,14 +216,14 @@ bool is_known_to_roll(const Rig& rig) {
 
 // With all readouts held but one; -1: but none. `is_free`: the given lens may be bent by the shutter.
 CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
-                                      CalibrationEvidence evidence, bool is_free) {
+                                      CalibrationEvidence evidence, bool is_free, bool takes_all) {
   constexpr double kHeld = 1e-9;
   if (readout < 0 && parameters.has_readout()) evidence.scatter = evidence.lens_scatter;
   Eigen::VectorXd sigma = parameters.prior_sigma(is_free);
   for (int i = 0; i < parameters.size(); ++i) {
     if (is_readout(parameters, i) && i != readout) sigma[i] *= kHeld;
   }
-  CalibrationChoice choice = choose_lens(parameters, sigma, evidence, is_free);
+  CalibrationChoice choice = choose_lens(parameters, sigma, evidence, takes_all);
   for (int i = 0; i < parameters.size(); ++i) {
     if (is_readout(parameters, i) && i != readout) choice.sigma[i] = parameters[i].prior_sigma;
   }
@@ -238,12 +242,12 @@ bool knows_better(const RigParameters& parameters, const CalibrationChoice& choi
 // A lens that was found as if no shutter rolled took some of that for its own numbers. Where one does, it is
 // found anew, if the map tells it better than what it was found from.
 CalibrationChoice choose_with_readout(const RigParameters& parameters, int readout,
-                                      const CalibrationEvidence& evidence) {
+                                      const CalibrationEvidence& evidence, bool takes_all) {
   if (parameters.is_bent_by_shutter() && (readout >= 0 || is_known_to_roll(parameters.given()))) {
-    CalibrationChoice choice = choose_with_readout(parameters, readout, evidence, true);
+    CalibrationChoice choice = choose_with_readout(parameters, readout, evidence, true, true);
     if (knows_better(parameters, choice)) return choice;
   }
-  return choose_with_readout(parameters, readout, evidence, false);
+  return choose_with_readout(parameters, readout, evidence, false, takes_all);
 }
 
 }  // namespace
@@ -251,12 +255,12 @@ CalibrationChoice choose_with_readout(const RigParameters& parameters, int reado
 // Rows and columns are not scanned at once. A readout that is not found is no unknown at all, so that lenses
 // of global shutters are found as if there were no others.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
-                                     bool may_scan) {
-  CalibrationChoice best = choose_with_readout(parameters, -1, evidence);
+                                     bool may_scan, bool takes_all) {
+  CalibrationChoice best = choose_with_readout(parameters, -1, evidence, takes_all);
   double most = 0;
   for (int i = 0; i < parameters.size(); ++i) {
     if (!may_scan || !is_readout(parameters, i)) continue;
-    CalibrationChoice choice = choose_with_readout(parameters, i, evidence);
+    CalibrationChoice choice = choose_with_readout(parameters, i, evidence, takes_all);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
     if (choice.significance[i] < least_significance(evidence.at[i] != 0)) continue;
     const bool is_unusual =
@@ -267,6 +271,22 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
     best = std::move(choice);
   }
   return best;
+}
+
+CalibrationChoice within_reach(const RigParameters& parameters, const Eigen::VectorXd& at,
+                               CalibrationChoice choice) {
+  double step = 0;
+  for (int i = 0; i < parameters.size(); ++i) {
+    if (parameters[i].kind == RigParameters::Kind::kFocal)
+      step = std::max(step, std::abs(choice.values[i] - at[i]));
+  }
+  if (step > kReach) {
+    const double part = kReach / step;
+    choice.values = at + part * (choice.values - at);
+    choice.effect *= part;
+    choice.is_part = true;
+  }
+  return choice;
 }
 
 bool is_worth_it(const CalibrationChoice& choice, bool was_changed) {

@@ -20,6 +20,7 @@ struct CalibrationChoice {
   // How far the change from the calibration that the evidence is about moves what was observed, poses and
   // points adapted: root mean square, in standard deviations of an observation.
   double effect = 0;
+  bool is_part = false;  // of a change that is too large for one step: see within_reach()
 };
 
 // Two things keep a number as it is given. It is not told: its standard deviation is more than half of the
@@ -29,9 +30,15 @@ struct CalibrationChoice {
 // A focal length that is off by more than four standard deviations of its prior is another lens, of which the
 // prior says nothing: it is then ten times as wide. Likewise the aspect of images that were squeezed, with
 // one 25 times as wide.
-// `may_scan`: else there is no readout.
+// `may_scan`: else there is no readout. `takes_all`: what is told is changed though it is not significantly
+// off, as nothing speaks for the given numbers.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
-                                     bool may_scan = true);
+                                     bool may_scan = true, bool takes_all = false);
+
+// The choice itself, or where a focal length changes by so much that the evidence, which is about the
+// calibration `at`, says little of it, that part of the way which it does speak of.
+CalibrationChoice within_reach(const RigParameters& parameters, const Eigen::VectorXd& at,
+                               CalibrationChoice choice);
 
 // Whether the change is worth adapting everything to it; `was_changed`: the given calibration was changed
 // before.

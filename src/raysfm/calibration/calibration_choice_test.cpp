@@ -236,6 +236,32 @@ TEST_F(ChoiceTest, SqueezedImagesAreNoticed) {
   EXPECT_LT(choice().values[kAspect], 0.004);
 }
 
+TEST_F(ChoiceTest, OfAGuessAllThatIsToldIsTaken) {
+  sigma[kK1] = 0.001;
+  truth[kK1] = 2 * std::sqrt(2) * 0.001;
+  EXPECT_EQ(choice().values[kK1], 0);
+  const CalibrationChoice all = choose_calibration(parameters, evidence_for(truth, sigma), true, true);
+  EXPECT_NEAR(all.values[kK1], truth[kK1], 0.01 * truth[kK1]);
+  EXPECT_EQ(all.values[kFocal], 0);
+}
+
+TEST_F(ChoiceTest, AFocalLengthThatIsFarIsReachedInSteps) {
+  const Eigen::VectorXd here = Eigen::VectorXd::Zero(6);
+  sigma[kFocal] = 0.003;
+  sigma[kK1] = 0.001;
+  truth[kFocal] = 0.25;
+  truth[kK1] = -0.02;
+  const CalibrationChoice near = within_reach(parameters, here, choice());
+  EXPECT_EQ(near.values, choice().values);
+  EXPECT_FALSE(near.is_part);
+  truth[kFocal] = -0.6;
+  const CalibrationChoice part = within_reach(parameters, here, choice());
+  EXPECT_TRUE(part.is_part);
+  EXPECT_NEAR(part.values[kFocal], -0.3, 1e-9);
+  EXPECT_NEAR(part.values[kK1] / choice().values[kK1], 0.5, 0.01);
+  EXPECT_NEAR(part.effect / choice().effect, 0.5, 0.01);
+}
+
 TEST_F(ChoiceTest, AnotherLensIsNoticed) {
   sigma[kFocal] = 0.003;
   truth[kFocal] = 0.05;

@@ -225,14 +225,15 @@ void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_
   }
 }
 
-CalibrationChoice CalibrationRefiner::choose(const CalibrationEvidence& evidence) const {
-  return choose_calibration(parameters_, evidence, !shutter_is_dropped_);
+CalibrationChoice CalibrationRefiner::choose(const CalibrationEvidence& evidence, bool takes_all) const {
+  return choose_calibration(parameters_, evidence, !shutter_is_dropped_, takes_all);
 }
 
-std::optional<Rig> CalibrationRefiner::better() {
+// Few key frames tell of a guess what many do not confirm: what is not surely off waits for all of them.
+std::optional<Rig> CalibrationRefiner::better(bool last) {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
-  choice_ = choose(all);
+  choice_ = within_reach(parameters_, values_, choose(all, last && parameters_.is_guess()));
   if (begins_with_shutter_ && !has_readout(choice_.values)) return std::nullopt;
   return is_worth_it(choice_, !values_.isZero()) ? chosen_rig() : std::nullopt;
 }
@@ -324,7 +325,7 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
                                                     const MotionOf& motion_of) {
   const CalibrationChoice before = choice_;
   measure(rig, world, map, {}, motion_of);
-  choice_ = choose(stretches_.back().evidence);
+  choice_ = within_reach(parameters_, values_, choose(stretches_.back().evidence));
   for (int i = 0; i < parameters_.size(); ++i) {
     const bool is_readout = parameters_[i].kind == RigParameters::Kind::kReadout;
     if (is_readout && choice_.values[i] != 0 && is_worth_it(choice_)) return chosen_rig();
@@ -345,7 +346,7 @@ bool CalibrationRefiner::has_readout(const Eigen::VectorXd& values) const {
 bool CalibrationRefiner::take_over() {
   values_ = choice_.values;
   contradicts_ = choice_.contradicts;
-  const bool is_far = choice_.effect > kFar;
+  const bool is_far = choice_.effect > kFar || choice_.is_part;
   if (is_far) stretches_.clear();
   return is_far;
 }

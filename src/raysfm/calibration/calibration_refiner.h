@@ -67,8 +67,8 @@ class CalibrationRefiner {
   // number of the one before. What was measured with these stays.
   void renumber(int world, int into, std::span<const int> new_number_of_keyframe);
 
-  // A calibration that is worth adapting everything to, or none.
-  std::optional<Rig> better();
+  // A calibration that is worth adapting everything to, or none; `last` when no more will come.
+  std::optional<Rig> better(bool last);
 
   // Takes it over. True where that is so large a step that another from there may be worth it, once
   // measure_again() has been told what the adapted map says.
@@ -93,8 +93,8 @@ class CalibrationRefiner {
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.likeliest, choice_.significance,
-                    choice_.is_told, choice_.contradicts, choice_.effect, contradicts_, shutter_is_dropped_,
-                    stretches_);
+                    choice_.is_told, choice_.contradicts, choice_.effect, choice_.is_part, contradicts_,
+                    shutter_is_dropped_, stretches_);
   }
 
  private:
@@ -118,7 +118,7 @@ class CalibrationRefiner {
     }
   };
 
-  CalibrationChoice choose(const CalibrationEvidence& evidence) const;
+  CalibrationChoice choose(const CalibrationEvidence& evidence, bool takes_all = false) const;
   int measured_until(int world) const;
   int first_open(int world) const;
   int measured() const;
@@ -141,7 +141,7 @@ class CalibrationRefiner {
   LensRefinement how_;
   RigParameters parameters_;
   Eigen::VectorXd values_;
-  CalibrationChoice choice_;  // of what was measured last
+  CalibrationChoice choice_;          // of what was measured last
   bool begins_with_shutter_ = false;  // that was found before, and stays
   bool contradicts_ = false;
   bool shutter_is_dropped_ = false;

@@ -20,6 +20,8 @@ struct CalibrationPrior {
   double readout = 0;
   // Of a lens that was found as if no shutter rolled: where one does, little of that holds.
   bool without_shutter = false;
+  // Of a rough guess: nothing speaks for its numbers but these deviations.
+  bool is_guess = false;
 };
 
 // Whether two focal lengths are those of different lenses: farther apart than usual calibrations are off.
@@ -70,6 +72,8 @@ class RigParameters {
   double readout_prior() const { return prior_.readout; }
   // Whether the given lens was found as if no shutter rolled.
   bool is_bent_by_shutter() const { return prior_.without_shutter; }
+  // Whether the given lens is a rough guess.
+  bool is_guess() const { return prior_.is_guess; }
   // Of the number that an unknown changes in a camera: its name, and its value in a rig.
   std::string name(int i) const;
   double number(int i, int camera, const Rig& rig) const;

@@ -188,7 +188,7 @@ class WorldMerger {
         if (!worlds_[w].map.keyframes.empty())
           refiner.measure_again(rig_, static_cast<int>(w), worlds_[w].map, {}, {});
       }
-      const std::optional<Rig> better = refiner.better();
+      const std::optional<Rig> better = refiner.better(true);
       if (!better) break;
       use_cameras(*better);
       if (!refiner.take_over() && rig_.central()) break;

@@ -41,13 +41,13 @@ void Odometry::refine_calibration(int number, bool last) {
       refiner_.measure(rig_, number, s.map, s.is_known, motion_of);
     }
     if (rig_.scans()) refiner_.drop_turning_shutter(rig_, number, s.map, motion_of);
-    better = refiner_.better();
+    better = refiner_.better(last);
   }
   if (!better) return;
   for (int round = 0; better && round < kMostRounds; ++round) {
     if (!take_calibration(number, *better, last)) break;
     refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);
-    better = refiner_.better();
+    better = refiner_.better(last);
     const bool may_wait = !last && !asks_for_shutter && refiner_.has_found_shutter();
     if (may_wait && refiner_.effect() < kMayWait) break;
   }
