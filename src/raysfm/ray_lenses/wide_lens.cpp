@@ -27,6 +27,8 @@ constexpr double kSureRatio = 1.05;  // of the rms
 // Coefficients that bend the rim to and fro by so many tenths make the polynomial follow a lens of another
 // kind.
 constexpr double kMostStrain = 5;
+// Observations that tell a lens as well as more of them do, which take longer.
+constexpr int kEnoughObservations = 40000;
 constexpr int kMoreNumbers = 2;      // k1 to k4 in the place of k1, k2
 constexpr double kMostPosed = 0.7;   // images, of all, where there is no perspective lens
 constexpr double kSureFocal = 0.02;  // standard deviation of a focal length, as a part of it
@@ -131,6 +133,21 @@ bool is_surely_better(const Errors& errors) {
   return gain > needed && errors.ratio() > kSureRatio;
 }
 
+// Of every so many points one, with all that is seen of it; of `inlier` what belongs to that.
+PointTracks thinned(const PointTracks& tracks, std::span<const uint8_t> inlier, std::vector<uint8_t>* kept) {
+  const int step = (tracks.size() + kEnoughObservations - 1) / kEnoughObservations;
+  PointTracks few;
+  few.image_count = tracks.image_count;
+  few.point_count = tracks.point_count;
+  few.image_size = tracks.image_size;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (tracks.point[k] % step != 0) continue;
+    few.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
+    if (!inlier.empty()) kept->push_back(inlier[k]);
+  }
+  return few;
+}
+
 WideLensSearch find_alone(const PointTracks& tracks, const RayOptions& options) {
   WideLensSearch search;
   const double enough = kMostPosed * tracks.image_count;
@@ -139,6 +156,23 @@ WideLensSearch find_alone(const PointTracks& tracks, const RayOptions& options) 
   search.compared = true;
   search.evidence = fmt::format("a {} lens where no perspective one is told", model_name(r.camera.model));
   search.found = std::move(r);
+  return search;
+}
+
+WideLensSearch compared_with(const PointTracks& tracks, const PerspectiveFit& perspective,
+                             const RayOptions& options) {
+  WideLensSearch search;
+  const double enough = kEnoughPosed * static_cast<double>(std::ranges::count(perspective.image_posed, 1));
+  const int64_t explained_by_perspective = std::ranges::count(perspective.inlier, 1);
+  RayReconstruction r = best_guess(tracks, enough, explained_by_perspective, options);
+  if (r.posed < enough || !std::isfinite(r.sigma.focal)) return search;
+  const Errors errors = compare(tracks, perspective, r, options.max_error_px);
+  if (errors.observations < kEnoughCommon * static_cast<double>(explained_by_perspective)) return search;
+  search.compared = true;
+  search.evidence =
+      fmt::format("rms {:.2f} px with a perspective lens, {:.2f} px with a {} one",
+                  errors.rms(errors.perspective), errors.rms(errors.along_rays), model_name(r.camera.model));
+  if (is_surely_better(errors) && is_other_lens(tracks, r)) search.found = std::move(r);
   return search;
 }
 
@@ -157,20 +191,16 @@ bool may_be_wide_lens(const PointTracks& tracks, const PerspectiveFit& perspecti
 
 WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* perspective,
                               const RayOptions& options) {
-  if (!perspective) return find_alone(tracks, options);
-  WideLensSearch search;
-  const double enough = kEnoughPosed * static_cast<double>(std::ranges::count(perspective->image_posed, 1));
-  const int64_t explained_by_perspective = std::ranges::count(perspective->inlier, 1);
-  RayReconstruction r = best_guess(tracks, enough, explained_by_perspective, options);
-  if (r.posed < enough || !std::isfinite(r.sigma.focal)) return search;
-  const Errors errors = compare(tracks, *perspective, r, options.max_error_px);
-  if (errors.observations < kEnoughCommon * static_cast<double>(explained_by_perspective)) return search;
-  search.compared = true;
-  search.evidence =
-      fmt::format("rms {:.2f} px with a perspective lens, {:.2f} px with a {} one",
-                  errors.rms(errors.perspective), errors.rms(errors.along_rays), model_name(r.camera.model));
-  if (is_surely_better(errors) && is_other_lens(tracks, r)) search.found = std::move(r);
-  return search;
+  if (tracks.size() > kEnoughObservations) {
+    std::vector<uint8_t> inlier;
+    const PointTracks few =
+        thinned(tracks, perspective ? perspective->inlier : std::span<const uint8_t>(), &inlier);
+    if (!perspective) return find_alone(few, options);
+    const PerspectiveFit fit{perspective->scene, perspective->radial, perspective->image_posed,
+                             perspective->point_placed, inlier};
+    return compared_with(few, fit, options);
+  }
+  return perspective ? compared_with(tracks, *perspective, options) : find_alone(tracks, options);
 }
 
 }  // namespace raysfm

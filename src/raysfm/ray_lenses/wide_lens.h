@@ -32,6 +32,7 @@ bool may_be_wide_lens(const PointTracks& tracks, const PerspectiveFit& perspecti
 // over the observations of points that both place, lowers the sum of squared errors by more than the Bayesian
 // information criterion asks for, and the rms by a twentieth: errors that are alike along tracks lower the
 // sum too. Where no perspective lens was found (null) it must pose most images.
+// Of many observations it looks at those of a part of the points only, and so does the result.
 WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* perspective,
                               const RayOptions& options);
 

@@ -20,17 +20,16 @@ struct Room {
   PointTracks tracks;
 };
 
-Room film(const Camera& camera, int images = 14) {
-  constexpr int kPoints = 900;
+Room film(const Camera& camera, int images = 14, int point_count = 900) {
   Rng rng(3);
   std::vector<Eigen::Vector3d> points;
-  for (int i = 0; i < kPoints; ++i) {
+  for (int i = 0; i < point_count; ++i) {
     const Eigen::Vector3d direction(rng.normal(), rng.normal(), rng.normal());
     points.push_back(rng.uniform(3, 8) * direction.normalized());
   }
   Room room;
   room.tracks.image_count = images;
-  room.tracks.point_count = kPoints;
+  room.tracks.point_count = point_count;
   room.tracks.image_size = {double(camera.width), double(camera.height)};
   for (int j = 0; j < images; ++j) {
     const double s = double(j) / (images - 1);
@@ -38,7 +37,7 @@ Room film(const Camera& camera, int images = 14) {
     const Eigen::Quaterniond rotation = exp_so3(turn);
     const Eigen::Vector3d centre(1.6 * s, 0.3 * std::sin(6 * s), 0.4 * std::sin(4 * s));
     room.cam_from_world.push_back({rotation, -(rotation * centre)});
-    for (int i = 0; i < kPoints; ++i) {
+    for (int i = 0; i < point_count; ++i) {
       Eigen::Vector2d pixel;
       if (!camera.project(room.cam_from_world[j] * points[i], &pixel)) continue;
       pixel += 0.2 * Eigen::Vector2d(rng.normal(), rng.normal());
@@ -175,6 +174,18 @@ TEST(WideLens, FisheyeIsFoundWhereNoPerspectiveLensIs) {
 }
 
 // 88 degrees from side to side.
+TEST(WideLens, OfManyObservationsAPartIsLookedAt) {
+  const Room room = film(camera_of(kFisheye), 14, 8000);
+  ASSERT_GT(room.tracks.size(), 45000);
+  const WideLensSearch by_tracks[] = {find_wide_lens(room.tracks, nullptr, {}), searched(room.tracks)};
+  for (const WideLensSearch& search : by_tracks) {
+    ASSERT_TRUE(search.found);
+    EXPECT_LT(search.found->inlier.size(), 40000);
+    EXPECT_GT(search.found->inlier.size(), 20000);
+    EXPECT_LT(largest_difference(camera_of(kFisheye), search.found->camera), 1);
+  }
+}
+
 TEST(WideLens, PerspectiveLensIsNoFisheyeWhereNoneIsFound) {
   const Room room = film(camera_of(Pinhole{330, 330, 316, 243}));
   EXPECT_FALSE(find_wide_lens(room.tracks, nullptr, {}).found);
