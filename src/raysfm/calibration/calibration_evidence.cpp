@@ -26,29 +26,6 @@ constexpr double kRounding = 1e-6;
 constexpr double kLeastDamping = 1e-8;
 constexpr int kFewUnknowns = 8;  // of one camera
 
-// One observation in use, divided by its standard deviation.
-struct Term {
-  int observation = 0;      // of the problem
-  int pose = 0, point = 0;  // of the system; pose -1: does not move
-  double weight = 0;
-  Eigen::Vector2d residual = {};
-  Eigen::Matrix<double, 2, 6> by_pose;
-  Eigen::Matrix<double, 2, 3> by_point;
-};
-
-}  // namespace
-
-struct CalibrationMemory::Arrays {
-  BundleCore<6> core;
-  LargeArray<Term> terms;
-  LargeArray<double> by_parameters, pose_rows, point_rows;
-};
-
-CalibrationMemory::CalibrationMemory() : arrays_(std::make_unique<Arrays>()) {}
-CalibrationMemory::~CalibrationMemory() = default;
-
-namespace {
-
 // Derivatives of residuals by the parameters, and how these move with poses and points: all by rows of
 // `Width` numbers, of which what exceeds the number of parameters is zero.
 template <int Width>
@@ -56,19 +33,14 @@ class Measurement {
  public:
   Measurement(const BundleProblem& problem, const BundleOptions& options, const RigParameters& parameters,
               const Eigen::VectorXd& values, AngularWeight weight,
-              std::span<const Eigen::Vector2d> velocities, CalibrationMemory::Arrays* arrays)
+              std::span<const Eigen::Vector2d> velocities)
       : problem_(problem),
         options_(options),
         parameters_(parameters),
         values_(values),
         weight_(weight),
         velocities_(velocities),
-        width_(Width == Eigen::Dynamic ? parameters.size() : Width),
-        core_(arrays->core),
-        terms_(arrays->terms),
-        by_parameters_(arrays->by_parameters),
-        pose_rows_(arrays->pose_rows),
-        point_rows_(arrays->point_rows) {}
+        width_(Width == Eigen::Dynamic ? parameters.size() : Width) {}
 
   std::optional<CalibrationEvidence> run() {
     const bool is_central = camera_class(parameters_.given()) == CameraClass::kCentral;
@@ -96,6 +68,15 @@ class Measurement {
   template <int Rows>
   using BlockMap = Eigen::Map<Block<Rows>>;
 
+  // One observation in use, divided by its standard deviation.
+  struct Term {
+    int observation = 0;      // of the problem
+    int pose = 0, point = 0;  // of the system; pose -1: does not move
+    double weight = 0;
+    Eigen::Vector2d residual = {};
+    Eigen::Matrix<double, 2, 6> by_pose;
+    Eigen::Matrix<double, 2, 3> by_point;
+  };
   // A camera with one parameter changed.
   struct Moved {
     Camera camera;
@@ -146,7 +127,6 @@ class Measurement {
   void differentiate() {
     for (const Rigid3& p : problem_.rig_from_world) rotations_.push_back(p.rotation.toRotationMatrix());
     by_parameters_.assign(2 * static_cast<size_t>(width_) * problem_.observations.size(), 0.0);
-    terms_.clear();
     terms_.reserve(problem_.observations.size());
     for (int c = 0; c < static_cast<int>(present_.size()); ++c) {
       const std::vector<int> seen = seen_by(c);
@@ -485,15 +465,15 @@ class Measurement {
   const AngularWeight weight_;
   const std::span<const Eigen::Vector2d> velocities_;
   const int width_;
-  BundleCore<6>& core_;
+  BundleCore<6> core_;
   std::vector<int> pose_number_, point_number_;
   std::vector<Eigen::Matrix3d> rotations_;  // of poses of the problem
   std::vector<Camera> present_;
   std::vector<std::vector<Moved>> moved_;             // by camera, by parameter that concerns it
   std::vector<int> readouts_;                         // parameters that are one
   std::vector<Camera> scanned_down_, scanned_right_;  // the cameras, each in a second
-  LargeArray<Term>& terms_;
-  LargeArray<double>&by_parameters_, &pose_rows_, &point_rows_;
+  std::vector<Term> terms_;
+  LargeArray<double> by_parameters_, pose_rows_, point_rows_;
 };
 
 }  // namespace
@@ -517,18 +497,12 @@ std::optional<CalibrationEvidence> measure_calibration(const BundleProblem& prob
                                                        const BundleOptions& options,
                                                        const RigParameters& parameters,
                                                        const Eigen::VectorXd& values, AngularWeight weight,
-                                                       std::span<const Eigen::Vector2d> velocities,
-                                                       CalibrationMemory* memory) {
+                                                       std::span<const Eigen::Vector2d> velocities) {
   if (parameters.size() == 0 || !problem.lenses.empty()) return std::nullopt;
-  const auto measure = [&](CalibrationMemory::Arrays& arrays) {
-    if (parameters.size() <= kFewUnknowns) {
-      return Measurement<kFewUnknowns>(problem, options, parameters, values, weight, velocities, &arrays)
-          .run();
-    }
-    return Measurement<Eigen::Dynamic>(problem, options, parameters, values, weight, velocities, &arrays)
-        .run();
-  };
-  return measure(memory != nullptr ? memory->arrays() : CalibrationMemory().arrays());
+  if (parameters.size() <= kFewUnknowns) {
+    return Measurement<kFewUnknowns>(problem, options, parameters, values, weight, velocities).run();
+  }
+  return Measurement<Eigen::Dynamic>(problem, options, parameters, values, weight, velocities).run();
 }
 
 }  // namespace raysfm

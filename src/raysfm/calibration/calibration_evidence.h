@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <memory>
 #include <optional>
 #include <span>
 
@@ -29,27 +28,15 @@ struct CalibrationEvidence {
   void add(const CalibrationEvidence& other);
 };
 
-// Memory of measure_calibration(), for whoever measures often: it only grows.
-class CalibrationMemory {
- public:
-  struct Arrays;
-
-  CalibrationMemory();
-  ~CalibrationMemory();
-  Arrays& arrays() { return *arrays_; }
-
- private:
-  std::unique_ptr<Arrays> arrays_;
-};
-
 // From one linearisation of a problem of cameras or rays near its minimum, whose cameras are those of
 // parameters.rig(values) and whose rays, if any, were observed with `weight`. One pose at least must not be
 // free and no point fixed; problem.scale_prior is not looked at. `velocities`: how fast each observed point
-// moves in its image, pixels per second; empty: not at all. `memory` is kept for the next time, or null.
-// Nothing where there is nothing to adjust.
-std::optional<CalibrationEvidence> measure_calibration(
-    const BundleProblem& problem, const BundleOptions& options, const RigParameters& parameters,
-    const Eigen::VectorXd& values, AngularWeight weight = AngularWeight::kPixel,
-    std::span<const Eigen::Vector2d> velocities = {}, CalibrationMemory* memory = nullptr);
+// moves in its image, pixels per second; empty: not at all. Nothing where there is nothing to adjust.
+std::optional<CalibrationEvidence> measure_calibration(const BundleProblem& problem,
+                                                       const BundleOptions& options,
+                                                       const RigParameters& parameters,
+                                                       const Eigen::VectorXd& values,
+                                                       AngularWeight weight = AngularWeight::kPixel,
+                                                       std::span<const Eigen::Vector2d> velocities = {});
 
 }  // namespace raysfm

@@ -190,7 +190,7 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
                               .scale_prior = {}};
   update_inliers(problem, kMostError);
   std::optional<CalibrationEvidence> evidence =
-      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_, &memory_);
+      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
   return {world, begin, end, end - begin, map.rescaled, *std::move(evidence)};
 }

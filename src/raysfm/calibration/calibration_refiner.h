@@ -156,7 +156,6 @@ class CalibrationRefiner {
   std::vector<float> sigmas_;
   std::vector<uint8_t> fits_;                // each observation, its residual
   std::vector<Eigen::Vector2d> velocities_;  // in the image, of each observation
-  CalibrationMemory memory_;
 };
 
 }  // namespace raysfm
