@@ -24,6 +24,8 @@ namespace {
 // distortion is a fifth at the rim.
 constexpr std::array kGuesses = {0.64, 1.07};
 constexpr CalibrationPrior kGuessed{.focal = 0.2, .centre = 0.02, .rim = 0.2, .is_guess = true};
+// Of a lens that a stretch told, though vaguely.
+constexpr CalibrationPrior kVaguelyTold{.focal = 0.2, .centre = 0.02, .rim = 0.05};
 constexpr int kMostTracked = 900;
 constexpr int kMostGuesses = 2;  // the second begins where the first ended
 // By how much the two may end apart, as a part of the focal length; and what must have a pose.
@@ -49,8 +51,8 @@ class FrameLimit : public TrackWatcher {
 
 // The lens at which tracking from a guess ends, where its map tells it.
 std::optional<FoundLens> refined_guess(const TrackSettings& settings, const TrackCallbacks& callbacks,
-                                       FoundLens guess) {
-  guess.prior = kGuessed;
+                                       FoundLens guess, const CalibrationPrior& prior) {
+  guess.prior = prior;
   guess.is_guess = true;
   FrameLimit limit(callbacks);
   TrackCallbacks unheard;
@@ -112,7 +114,7 @@ bool centre_holds(const FoundLens& vague, const FoundLens& refined) {
 std::optional<FoundLens> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
                                        const FoundLens& vague) {
   if (!(vague.origin.focal_sigma <= kMostVague)) return std::nullopt;
-  std::optional<FoundLens> lens = refined_guess(settings, callbacks, vague);
+  std::optional<FoundLens> lens = refined_guess(settings, callbacks, vague, kVaguelyTold);
   if (!lens) return std::nullopt;
   const double off = apart(*lens, vague);
   if (off > kNear || !centre_holds(vague, *lens)) return std::nullopt;
@@ -390,7 +392,7 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
   }
   for (int round = 0; round < kMostGuesses; ++round) {
     for (FoundLens& lens : lenses) {
-      const std::optional<FoundLens> refined = refined_guess(quiet, callbacks, lens);
+      const std::optional<FoundLens> refined = refined_guess(quiet, callbacks, lens, kGuessed);
       if (!refined) return std::nullopt;
       lens = *refined;
     }
