@@ -31,8 +31,8 @@ constexpr double kFastestReadout = 0.003;
 // images that were squeezed, and what the prior is then multiplied by.
 constexpr double kContradiction = 4, kAnotherLens = 10, kSqueezed = 25;
 
-// Logarithm of the factor to a focal length in one step. Once it was off by two, a whole step led on to
-// another lens altogether; 0.15 is as good and takes longer.
+// Logarithm of the factor to a focal length in one step. Where it was off by a factor of two, a whole step
+// led on to another lens altogether; 0.15 is as good and takes longer.
 constexpr double kReach = 0.3;
 
 // Some of the unknowns, in units of the standard deviations of their priors.

@@ -27,7 +27,8 @@ constexpr double kSureRatio = 1.05;  // of the rms
 // Coefficients that bend the rim to and fro by so many tenths make the polynomial follow a lens of another
 // kind.
 constexpr double kMostStrain = 5;
-// Observations that tell a lens as well as more of them do, which take longer.
+// Observations that tell a lens as well as more of them do, which take longer; tried where there are 74,000
+// and 145,000.
 constexpr int kEnoughObservations = 40000;
 constexpr int kMoreNumbers = 2;      // k1 to k4 in the place of k1, k2
 constexpr double kMostPosed = 0.7;   // images, of all, where there is no perspective lens
@@ -133,7 +134,8 @@ bool is_surely_better(const Errors& errors) {
   return gain > needed && errors.ratio() > kSureRatio;
 }
 
-// Of every so many points one, with all that is seen of it; of `inlier` what belongs to that.
+// Of every so many points one, with all that is seen of it, or all points where that is not too much; of
+// `inlier` what belongs to them.
 PointTracks thinned(const PointTracks& tracks, std::span<const uint8_t> inlier, std::vector<uint8_t>* kept) {
   const int step = (tracks.size() + kEnoughObservations - 1) / kEnoughObservations;
   PointTracks few;
@@ -191,16 +193,13 @@ bool may_be_wide_lens(const PointTracks& tracks, const PerspectiveFit& perspecti
 
 WideLensSearch find_wide_lens(const PointTracks& tracks, const PerspectiveFit* perspective,
                               const RayOptions& options) {
-  if (tracks.size() > kEnoughObservations) {
-    std::vector<uint8_t> inlier;
-    const PointTracks few =
-        thinned(tracks, perspective ? perspective->inlier : std::span<const uint8_t>(), &inlier);
-    if (!perspective) return find_alone(few, options);
-    const PerspectiveFit fit{perspective->scene, perspective->radial, perspective->image_posed,
-                             perspective->point_placed, inlier};
-    return compared_with(few, fit, options);
-  }
-  return perspective ? compared_with(tracks, *perspective, options) : find_alone(tracks, options);
+  std::vector<uint8_t> inlier;
+  const PointTracks few =
+      thinned(tracks, perspective ? perspective->inlier : std::span<const uint8_t>(), &inlier);
+  if (!perspective) return find_alone(few, options);
+  const PerspectiveFit fit{perspective->scene, perspective->radial, perspective->image_posed,
+                           perspective->point_placed, inlier};
+  return compared_with(few, fit, options);
 }
 
 }  // namespace raysfm

@@ -173,7 +173,6 @@ TEST(WideLens, FisheyeIsFoundWhereNoPerspectiveLensIs) {
   EXPECT_LT(largest_difference(truth, search.found->camera), 1);
 }
 
-// 88 degrees from side to side.
 TEST(WideLens, OfManyObservationsAPartIsLookedAt) {
   const Room room = film(camera_of(kFisheye), 14, 8000);
   ASSERT_GT(room.tracks.size(), 45000);
@@ -186,6 +185,7 @@ TEST(WideLens, OfManyObservationsAPartIsLookedAt) {
   }
 }
 
+// 88 degrees from side to side.
 TEST(WideLens, PerspectiveLensIsNoFisheyeWhereNoneIsFound) {
   const Room room = film(camera_of(Pinhole{330, 330, 316, 243}));
   EXPECT_FALSE(find_wide_lens(room.tracks, nullptr, {}).found);
