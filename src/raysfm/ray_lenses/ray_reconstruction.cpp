@@ -42,11 +42,11 @@ constexpr double kLeastParallax = 2;  // of a point, in errors of an inlier at m
 // Of an inlier, as a part of the image's width, as long as the lens is a guess: what is wrong with it makes
 // errors that grow with the image. Of 560 pixels that is 3.
 constexpr double kGuessedError = 0.0054;
-constexpr int kFewImages = 5;         // that tell no lens yet
-constexpr int kRounds = 12;           // of lens and scene in turn, at most
-constexpr double kSmallStep = 0.005;  // of a lens, in standard deviations of the guess
-constexpr double kFewNew = 0.25;      // images after which all is adjusted, as a part of those posed
-constexpr int kIterations = 10;       // of each adjustment
+constexpr int kFewImages = 5;       // that tell no lens yet
+constexpr int kRounds = 12;         // of lens and scene in turn, at most
+constexpr double kSmallStep = 0.5;  // of a lens, in standard deviations as step_lens() has them
+constexpr double kFewNew = 0.25;    // images after which all is adjusted, as a part of those posed
+constexpr int kIterations = 10;     // of each adjustment
 const RobustLoss kRayLoss{RobustLoss::Kind::kHuber, 0.5};
 // How far off the guess may be: a coefficient of the model by what moves the rim of the image by this part;
 // pixels are taken to be square.
@@ -120,10 +120,10 @@ class RayGrowth {
   std::vector<std::vector<int>> of_image_, of_point_;  // observations
   Eigen::VectorXd values_, sigma_;                     // of the parameters: present, and of the guess
   double max_error_;                                   // of an inlier, pixels
-  std::vector<uint8_t> has_ray_, tried_;
-  size_t agreement_ = 0;              // the one of agreements() that images are posed by at present
-  std::vector<int> dropped_;          // how often each image was
-  std::vector<Eigen::Vector3d> ray_;  // one per observation
+  std::vector<uint8_t> has_ray_, tried_;  // one per observation, through the guess; one per image
+  size_t agreement_ = 0;                  // the one of agreements() that images are posed by at present
+  std::vector<int> dropped_;              // how often each image was
+  std::vector<Eigen::Vector3d> ray_;      // one per observation, through the guess
   BundleAdjuster adjuster_;
   PoseEstimator estimator_;
 };
@@ -360,15 +360,19 @@ bool RayGrowth::place(std::vector<Ray>* rays, Eigen::Vector3d* point) const {
 
 // Of those that have no place.
 void RayGrowth::place_points() {
-  cast_rays();
+  std::vector<Rigid3> world_from_cam(tracks_.image_count);
+  for (int j = 0; j < tracks_.image_count; ++j) {
+    if (r_.image_posed[j]) world_from_cam[j] = r_.cam_from_world[j].inverse();
+  }
   std::vector<Ray> rays;
+  Ray ray;
   for (int p = 0; p < tracks_.point_count; ++p) {
     if (r_.point_placed[p]) continue;
     rays.clear();
     for (const int k : of_point_[p]) {
-      if (!r_.image_posed[tracks_.image[k]] || !has_ray_[k]) continue;
-      const Rigid3 world_from_cam = r_.cam_from_world[tracks_.image[k]].inverse();
-      rays.push_back({world_from_cam.translation, world_from_cam.rotation * ray_[k]});
+      const int image = tracks_.image[k];
+      if (!r_.image_posed[image] || !r_.camera.ray(tracks_.pixel[k], &ray)) continue;
+      rays.push_back({world_from_cam[image].translation, world_from_cam[image].rotation * ray.direction});
     }
     if (place(&rays, &r_.points[p])) r_.point_placed[p] = 1;
   }
@@ -441,8 +445,8 @@ bool RayGrowth::try_lens(const Eigen::VectorXd& values) {
   return true;
 }
 
-// To the lens that guess and residuals make likeliest. Returns how far that is, in standard deviations of the
-// guess.
+// To the lens that guess and residuals make likeliest. Returns how far that is, in standard deviations of
+// what both tell, as if no error were like another.
 double RayGrowth::step_lens() {
   constexpr int kHalvings = 5;
   if (options_.is_known) return 0;
@@ -458,7 +462,7 @@ double RayGrowth::step_lens() {
   const Eigen::VectorXd right = -(unit * (evidence->gradient + guess.cwiseProduct(values_)));
   Eigen::VectorXd step = scaled.ldlt().solve(right);
   for (int h = 0; h < kHalvings; ++h, step *= 0.5) {
-    if (try_lens(values_ + unit * step)) return step.norm();
+    if (try_lens(values_ + unit * step)) return std::sqrt(step.dot(scaled * step) / variance);
   }
   return 0;
 }

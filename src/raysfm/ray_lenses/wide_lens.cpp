@@ -51,15 +51,42 @@ int64_t explained_by(const RayReconstruction& r) {
   return std::isfinite(r.sigma.focal) ? std::ranges::count(r.inlier, 1) : 0;
 }
 
+// Whether what lies `from_centre` in an image is seen much nearer to its centre, or farther off the axis,
+// than through a perspective lens.
+bool is_bent(double from_centre, double focal, const Eigen::Vector3d& direction) {
+  const double angle = std::atan2(direction.head<2>().norm(), direction.z());
+  return angle > kWideCorner * std::numbers::pi / 180 || from_centre < kBent * focal * std::tan(angle);
+}
+
+// Whether its lens bends the outermost of what agrees with it as no perspective one does.
+bool is_bent(const PointTracks& tracks, const RayReconstruction& r) {
+  Eigen::Vector2d centre;
+  if (!r.camera.project(Eigen::Vector3d::UnitZ(), &centre)) return false;
+  double farthest = 0;
+  Ray ray, outermost;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const double distance = (tracks.pixel[k] - centre).norm();
+    if (!r.inlier[k] || distance < farthest || !r.camera.ray(tracks.pixel[k], &ray)) continue;
+    farthest = distance, outermost = ray;
+  }
+  return is_bent(farthest, r.camera.pixels_per_radian(), outermost.direction);
+}
+
+// Whether a lens that was found is told, and surely no perspective one.
+bool is_other_lens(const PointTracks& tracks, const RayReconstruction& r) {
+  return r.sigma.focal < kSureFocal && r.strain <= kMostStrain && is_bent(tracks, r);
+}
+
 // Of those that reach enough images the one that explains most, the first where that is nearly all, or as
-// much as another lens explains by one that is surely told; else the one that reaches most.
+// much as another lens explains by one that is surely told or a perspective one after all; else the one that
+// reaches most.
 RayReconstruction best_guess(const PointTracks& tracks, double enough, int64_t by_other,
                              const RayOptions& options) {
   RayReconstruction best;
   int64_t most = -1;
   const auto is_good = [&] {
     return static_cast<double>(most) >= kNearlyAll * tracks.size() ||
-           (most >= by_other && best.sigma.focal < kSureFocal);
+           (most >= by_other && (best.sigma.focal < kSureFocal || !is_bent(tracks, best)));
   };
   for (const Camera& guess : guesses(tracks.image_size)) {
     if (is_good() || (options.stopped && options.stopped())) break;
@@ -71,30 +98,6 @@ RayReconstruction best_guess(const PointTracks& tracks, double enough, int64_t b
     }
   }
   return best;
-}
-
-// Whether what lies `from_centre` in an image is seen much nearer to its centre, or farther off the axis,
-// than through a perspective lens.
-bool is_bent(double from_centre, double focal, const Eigen::Vector3d& direction) {
-  const double angle = std::atan2(direction.head<2>().norm(), direction.z());
-  return angle > kWideCorner * std::numbers::pi / 180 || from_centre < kBent * focal * std::tan(angle);
-}
-
-// Whether a lens that was found is told, and surely no perspective one, by the outermost of what agrees with
-// it.
-bool is_other_lens(const PointTracks& tracks, const RayReconstruction& r) {
-  Eigen::Vector2d centre;
-  if (!(r.sigma.focal < kSureFocal) || r.strain > kMostStrain ||
-      !r.camera.project(Eigen::Vector3d::UnitZ(), &centre))
-    return false;
-  double farthest = 0;
-  Ray ray, outermost;
-  for (int k = 0; k < tracks.size(); ++k) {
-    const double distance = (tracks.pixel[k] - centre).norm();
-    if (!r.inlier[k] || distance < farthest || !r.camera.ray(tracks.pixel[k], &ray)) continue;
-    farthest = distance, outermost = ray;
-  }
-  return is_bent(farthest, r.camera.pixels_per_radian(), outermost.direction);
 }
 
 // Sums of squared errors over the observations of points that both place in images that both pose and that
