@@ -571,6 +571,9 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
     case Adaption::kThinned:
       raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
       break;
+    case Adaption::kTwoSeriesThinned:
+      raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kThinnedPoints);
+      break;
     case Adaption::kTwoSeries:
       adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
       break;

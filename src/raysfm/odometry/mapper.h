@@ -22,9 +22,9 @@ constexpr size_t kLargeMap = 200;
 
 // How a map follows a calibration that has changed: in a few steps of the poses by the points that hold them
 // best, which the others follow, where the change is small; in two series of a few steps, the inliers found
-// anew in between; until it converges; or, where loops hold what is weakest, until poses no longer move by
-// more than is known of them.
-enum class Adaption { kThinned, kTwoSeries, kToTheEnd, kUntilSettled };
+// anew in between, by those points or by all; until it converges; or, where loops hold what is weakest, until
+// poses no longer move by more than is known of them.
+enum class Adaption { kThinned, kTwoSeriesThinned, kTwoSeries, kToTheEnd, kUntilSettled };
 
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };

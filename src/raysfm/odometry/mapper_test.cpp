@@ -366,7 +366,8 @@ TEST_F(AdjustingTest, ThePaperAdjustsEveryKeyFrame) {
 TEST_F(AdjustTest, AnAdaptedPartComesBackWithItsPointsAndTheRestStays) {
   constexpr int kFirst = 5;
   const std::vector<Rigid3> truth = poses();
-  for (const Adaption how : {Adaption::kThinned, Adaption::kTwoSeries, Adaption::kToTheEnd}) {
+  for (const Adaption how :
+       {Adaption::kThinned, Adaption::kTwoSeriesThinned, Adaption::kTwoSeries, Adaption::kToTheEnd}) {
     truth_.map = ten_keyframes().map;
     disturb_geometry(0.02, 0.003);
     for (int k = 0; k < kFirst; ++k) truth_.map.keyframes[k].rig_from_world = truth[k];

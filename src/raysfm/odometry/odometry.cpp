@@ -664,7 +664,8 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   for (size_t s = 0; s < segments_.size(); ++s) {
     SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
-    if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(static_cast<int>(s), 0);
+    if (segment.calibration != calibration_ || segment.closed || rig_.scans())
+      adapt(static_cast<int>(s), 0, whole_adaption(static_cast<int>(s)));
     if (final_adjustment) adjust_finally(static_cast<int>(s));
   }
   for (size_t s = 0; s < segments_.size(); ++s) {

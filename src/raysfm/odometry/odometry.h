@@ -297,7 +297,8 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
   bool take_calibration(int segment, const Rig& better, bool last);
-  void adapt(int segment, int first_keyframe, Adaption how = Adaption::kTwoSeries);
+  Adaption whole_adaption(int segment) const;
+  void adapt(int segment, int first_keyframe, Adaption how);
   void find_scale(int number);
   void adjust_from(int segment, int first_keyframe, Adaption how);
   std::vector<Rigid3> poses_of(int segment) const;

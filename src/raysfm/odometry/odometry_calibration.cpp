@@ -67,13 +67,23 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool bends = rig_.scans() && refiner_.effect() > kBends;
   Adaption how = last || bends ? Adaption::kTwoSeries : Adaption::kThinned;
   if (refiner_.effect() > kConsiderable) how = Adaption::kToTheEnd;
-  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
-  if (all) find_scale(number);
   // Motion tells the readout, and the readout and the lens the motion.
   const bool moves = all && refiner_.has_found_shutter();
-  if (moves) pose_frames_again(number);
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
-  return is_far || moves || (all && !rig_.central());
+  const bool leads_on = is_far || moves || (all && !rig_.central());
+  // What is weakest in a long world tells nothing of the calibration: it waits for the end of the rounds.
+  if (last && keyframes > kAdapted) how = leads_on ? Adaption::kTwoSeriesThinned : whole_adaption(number);
+  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
+  if (all) find_scale(number);
+  if (moves) pose_frames_again(number);
+  return leads_on;
+}
+
+// What all of a world needs to follow a change along its weakest directions too.
+Adaption Odometry::whole_adaption(int number) const {
+  const SegmentState& s = segments_[number];
+  if (static_cast<int>(s.map.keyframes.size()) <= kAdapted) return Adaption::kTwoSeries;
+  return s.closed ? Adaption::kUntilSettled : Adaption::kToTheEnd;
 }
 
 // Of a world that is another calibration's now.
@@ -99,12 +109,10 @@ std::optional<SeenZoom> Odometry::lens_change() {
 // Map, views and frames of a world as the present calibration has them, from a key frame on.
 void Odometry::adapt(int number, int first_keyframe, Adaption how) {
   SegmentState& s = segments_[number];
-  const bool is_long = static_cast<int>(s.map.keyframes.size()) > kAdapted;
   correct_scans(number, first_keyframe);
-  if (first_keyframe == 0 && is_long) how = s.closed ? Adaption::kUntilSettled : Adaption::kToTheEnd;
   adjust_from(number, first_keyframe, how);
   for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
-  if (first_keyframe == 0) s.calibration = calibration_;
+  if (first_keyframe == 0 && how != Adaption::kTwoSeriesThinned) s.calibration = calibration_;
 }
 
 // The key frames of a world from one on, and what hangs on them.

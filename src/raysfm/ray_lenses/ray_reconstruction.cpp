@@ -44,6 +44,7 @@ constexpr double kLeastParallax = 2;  // of a point, in errors of an inlier at m
 constexpr double kGuessedError = 0.0054;
 constexpr int kFewImages = 5;       // that tell no lens yet
 constexpr int kRounds = 12;         // of lens and scene in turn, at most
+constexpr int kFirstRounds = 4;     // the same, as long as images come in
 constexpr double kSmallStep = 0.5;  // of a lens, in standard deviations as step_lens() has them
 constexpr double kFewNew = 0.25;    // images after which all is adjusted, as a part of those posed
 constexpr int kIterations = 10;     // of each adjustment
@@ -88,7 +89,7 @@ class RayGrowth {
 
  private:
   void grow();
-  void settle();
+  void settle(int rounds);
   bool drop_doubtful();
   double agreeing_part(int image) const;
   std::span<const Agreement> agreements() const {
@@ -538,19 +539,19 @@ void RayGrowth::complete() {
     for (int posed = 0; r_.posed > posed;) {
       posed = r_.posed;
       grow();
-      settle();
+      settle(kFirstRounds);
     }
   } while (!options_.in_order && !stopped() && drop_doubtful());
-  if (max_error_ > options_.max_error_px) {
+  if (!options_.is_known) {
     max_error_ = options_.max_error_px;
-    settle();
+    settle(kRounds);
   }
   if (r_.posed < 2) r_.posed = 0;
 }
 
 // Lens and scene in turn until the lens stays.
-void RayGrowth::settle() {
-  for (int i = 0; i < kRounds && !stopped(); ++i) {
+void RayGrowth::settle(int rounds) {
+  for (int i = 0; i < rounds && !stopped(); ++i) {
     const double step = step_lens();
     place_points();
     adjust();
