@@ -382,6 +382,7 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
   TrackSettings quiet = settings;
   for (std::string* file : {&quiet.checkpoint, &quiet.map, &quiet.save_map}) file->clear();
   quiet.final = "none";
+  quiet.odometry.finishes_maps = false;
   if (vague) {
     if (auto lens = refined_vague(quiet, callbacks, *vague)) return lens;
   }

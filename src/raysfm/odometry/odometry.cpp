@@ -661,6 +661,22 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
     if (numbers[s] >= 0) refine_calibration(s, true);
   }
+  if (options_.finishes_maps) finish_maps(final_adjustment);
+  if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
+  for (int i = 0; i < frames(); ++i) settle(i);
+  std::vector<Map> maps;
+  for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
+  if (kept_maps) {
+    kept_maps->clear();
+    for (size_t s = 0; s < maps.size(); ++s) {
+      if (segments_[s].joined_into < 0) kept_maps->push_back(maps[s]);
+    }
+  }
+  return assemble(std::move(maps));
+}
+
+// All worlds as the last calibration has them, adjusted for the last time.
+void Odometry::finish_maps(bool final_adjustment) {
   for (size_t s = 0; s < segments_.size(); ++s) {
     SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
@@ -673,17 +689,6 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     find_scale(static_cast<int>(s));
     if (segments_[s].closed) adjust_to_noise(static_cast<int>(s));
   }
-  if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
-  for (int i = 0; i < frames(); ++i) settle(i);
-  std::vector<Map> maps;
-  for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
-  if (kept_maps) {
-    kept_maps->clear();
-    for (size_t s = 0; s < maps.size(); ++s) {
-      if (segments_[s].joined_into < 0) kept_maps->push_back(maps[s]);
-    }
-  }
-  return assemble(std::move(maps));
 }
 
 void Odometry::adjust_finally(int number) {

@@ -317,6 +317,7 @@ class Odometry {
   void forget_old_views();
   void drop_dead_features(int keyframe, bool for_good);
   double mean_keyframe_distance() const;
+  void finish_maps(bool final_adjustment);
   void adjust_finally(int segment);
   void adjust_to_noise(int segment);
   void release_views();

@@ -59,6 +59,8 @@ struct OdometryOptions {
   // ones is released, and coarser images stand for it.
   size_t waiting_bytes = size_t{56} << 20;
   bool starts_worlds = true;  // else only worlds of earlier runs are tracked in
+  // Else nobody asks for maps: they stay as the last calibration left them.
+  bool finishes_maps = true;
   FinalAdjustment final = FinalAdjustment::kGlobal;
   uint64_t seed = 0;
 };
