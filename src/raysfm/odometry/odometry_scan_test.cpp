@@ -5,6 +5,7 @@
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
+#include "raysfm/scene/worlds.h"
 #include "support/synth_views.h"
 
 namespace raysfm {
@@ -89,6 +90,21 @@ TEST(OdometryScan, AReadoutThatWasFoundBeforeIsFoundBetter) {
   RollingShutter found;
   track_scanned(views, 0.8 * stamped_readout(views), options, &found);
   EXPECT_NEAR(found.readout / stamped_readout(views), 1, 0.05);
+}
+
+// What tracking from a guess is for.
+TEST(OdometryScan, TheCalibrationIsTheSameWhereMapsAreNotFinished) {
+  OdometryOptions options;
+  options.calibration_prior.readout = 2 * stamped_readout(rolling_shutter());
+  const Reconstruction finished = track_scanned(rolling_shutter(), 0, options);
+  options.finishes_maps = false;
+  const Reconstruction rough = track_scanned(rolling_shutter(), 0, options);
+  ASSERT_EQ(rough.calibration.size(), finished.calibration.size());
+  for (size_t i = 0; i < rough.calibration.size(); ++i)
+    EXPECT_EQ(rough.calibration[i].refined, finished.calibration[i].refined) << rough.calibration[i].name;
+  EXPECT_EQ(posed_count(rough), posed_count(finished));
+  ASSERT_FALSE(rough.points.empty() || finished.points.empty());
+  EXPECT_NE(rough.points[0].position, finished.points[0].position);
 }
 
 // Time stamps that count frames are seconds of another length.

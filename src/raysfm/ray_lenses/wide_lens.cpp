@@ -69,7 +69,7 @@ bool is_bent(const PointTracks& tracks, const RayReconstruction& r) {
     if (!r.inlier[k] || distance < farthest || !r.camera.ray(tracks.pixel[k], &ray)) continue;
     farthest = distance, outermost = ray;
   }
-  return is_bent(farthest, r.camera.pixels_per_radian(), outermost.direction);
+  return farthest > 0 && is_bent(farthest, r.camera.pixels_per_radian(), outermost.direction);
 }
 
 // Whether a lens that was found is told, and surely no perspective one.
