@@ -677,17 +677,17 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
 
 // All worlds as the last calibration has them, adjusted for the last time.
 void Odometry::finish_maps(bool final_adjustment) {
-  for (size_t s = 0; s < segments_.size(); ++s) {
-    SegmentState& segment = segments_[s];
+  const int worlds = static_cast<int>(segments_.size());
+  for (int s = 0; s < worlds; ++s) {
+    const SegmentState& segment = segments_[s];
     if (segment.joined_into >= 0) continue;
-    if (segment.calibration != calibration_ || segment.closed || rig_.scans())
-      adapt(static_cast<int>(s), 0, whole_adaption(static_cast<int>(s)));
-    if (final_adjustment) adjust_finally(static_cast<int>(s));
+    if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(s, 0, whole_adaption(s));
+    if (final_adjustment) adjust_finally(s);
   }
-  for (size_t s = 0; s < segments_.size(); ++s) {
+  for (int s = 0; s < worlds; ++s) {
     if (segments_[s].joined_into >= 0) continue;
-    find_scale(static_cast<int>(s));
-    if (segments_[s].closed) adjust_to_noise(static_cast<int>(s));
+    find_scale(s);
+    if (segments_[s].closed) adjust_to_noise(s);
   }
 }
 

@@ -112,6 +112,7 @@ void Odometry::adapt(int number, int first_keyframe, Adaption how) {
   correct_scans(number, first_keyframe);
   adjust_from(number, first_keyframe, how);
   for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
+  // Rounds that lead on to another one leave the weakest directions to finish_maps().
   if (first_keyframe == 0 && how != Adaption::kTwoSeriesThinned) s.calibration = calibration_;
 }
 

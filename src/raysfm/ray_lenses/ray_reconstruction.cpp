@@ -121,10 +121,11 @@ class RayGrowth {
   std::vector<std::vector<int>> of_image_, of_point_;  // observations
   Eigen::VectorXd values_, sigma_;                     // of the parameters: present, and of the guess
   double max_error_;                                   // of an inlier, pixels
-  std::vector<uint8_t> has_ray_, tried_;  // one per observation, through the guess; one per image
-  size_t agreement_ = 0;                  // the one of agreements() that images are posed by at present
-  std::vector<int> dropped_;              // how often each image was
-  std::vector<Eigen::Vector3d> ray_;      // one per observation, through the guess
+  std::vector<uint8_t> has_ray_;                       // one per observation, through the guess
+  std::vector<uint8_t> tried_;                         // one per image
+  size_t agreement_ = 0;              // the one of agreements() that images are posed by at present
+  std::vector<int> dropped_;          // how often each image was
+  std::vector<Eigen::Vector3d> ray_;  // one per observation, through the guess
   BundleAdjuster adjuster_;
   PoseEstimator estimator_;
 };
