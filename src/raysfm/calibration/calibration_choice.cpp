@@ -3,7 +3,9 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
+#include <set>
 
 namespace raysfm {
 namespace {
@@ -16,9 +18,9 @@ constexpr double kTold = 0.5;
 constexpr double kLeastEffect = 0.01, kLeastFurtherEffect = 0.002;
 // Standard deviations by which a number must be off to be changed, and below which one is no longer that was.
 constexpr double kSignificant = 4, kNoMore = 2;
-// Logarithm of the odds at which other numbers than those changed before are changed instead. Over twenty key
-// frames a focal length and distortion explain the same about as well, and each change would lead to the
-// other.
+// Logarithm of the odds at which some numbers are changed and not others, be it those changed before or what
+// would be changed without one of them. Over twenty key frames a focal length and distortion explain the same
+// about as well.
 constexpr double kSurelyAnother = 10;
 // Standard deviations by which a readout must be off along the longer side of the image. Sensors are read row
 // by row, and their rows are the longer side, unless a picture was cropped since: on kitti07, whose shutter
@@ -80,6 +82,11 @@ struct LinearEvidence {
     const Posterior p = posterior(some);
     return 0.5 * (moment(some).dot(p.values) + p.covariance.ldlt().vectorD().array().log().sum());
   }
+
+  // What no part of these has more of.
+  double most_log_evidence(const std::vector<int>& some) const {
+    return some.empty() ? 0 : 0.5 * moment(some).dot(posterior(some).values);
+  }
 };
 
 Posterior estimate(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
@@ -95,8 +102,8 @@ double least_significance(bool was_off) {
 
 // Leaves of the unknowns those that are surely off when the others are not. The least sure goes first, and
 // what `at` (empty: nothing) says is off already after all else.
-Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
-                      const Eigen::VectorXd& at, std::vector<int>* open) {
+void keep_the_insignificant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                            const Eigen::VectorXd& at, std::vector<int>* open) {
   while (!open->empty()) {
     const Posterior posterior = estimate(e, prior_sigma, *open);
     int least = -1;
@@ -110,10 +117,9 @@ Posterior significant(const CalibrationEvidence& e, const Eigen::VectorXd& prior
       if (least >= 0 && was_off == is_off && significance2 >= lowest) continue;
       least = static_cast<int>(k), lowest = significance2, is_off = was_off;
     }
-    if (least < 0) return posterior;
+    if (least < 0) return;
     open->erase(open->begin() + least);
   }
-  return {};
 }
 
 // Where each of some of the unknowns is among all of them.
@@ -123,21 +129,37 @@ std::vector<int> places_in(const std::vector<int>& all, const std::vector<int>& 
   return places;
 }
 
-// Leaves of the unknowns that are told those that are surely off, or those that were changed before, unless
-// the others are far likelier.
-Posterior keep_the_insignificant(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
-                                 std::vector<int>* open) {
-  const std::vector<int> told = *open;
-  std::vector<int> kept = told;
-  Posterior posterior = significant(e, prior_sigma, {}, open);
-  if (e.at.isZero(0) || told.empty()) return posterior;
-  Posterior as_before = significant(e, prior_sigma, e.at, &kept);
-  const LinearEvidence linear(e, prior_sigma, told);
+// Of the unknowns that are told those that are surely off, or those that were changed before, unless the
+// others are far likelier.
+std::vector<int> surely_off(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                            const LinearEvidence& linear, const std::vector<int>& told) {
+  std::vector<int> off = told, as_before = told;
+  keep_the_insignificant(e, prior_sigma, {}, &off);
+  if (e.at.isZero(0)) return off;
+  keep_the_insignificant(e, prior_sigma, e.at, &as_before);
   const double gain =
-      linear.log_evidence(places_in(told, *open)) - linear.log_evidence(places_in(told, kept));
-  if (gain >= kSurelyAnother) return posterior;
-  *open = std::move(kept);
-  return as_before;
+      linear.log_evidence(places_in(told, off)) - linear.log_evidence(places_in(told, as_before));
+  return gain >= kSurelyAnother ? off : as_before;
+}
+
+// Leaves of the unknowns that are told those that are surely off and those that may be so in place of one of
+// them. It is not told then which it is, and either alone would take all that each has a part in.
+void keep_what_may_be_as_given(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
+                               std::vector<int>* open) {
+  const std::vector<int> told = *open;
+  if (told.empty()) return;
+  const LinearEvidence linear(e, prior_sigma, told);
+  const std::vector<int> off = surely_off(e, prior_sigma, linear, told);
+  const double enough = linear.log_evidence(places_in(told, off)) - kSurelyAnother;
+  std::set<int> kept(off.begin(), off.end());
+  for (const int i : off) {
+    std::vector<int> others;
+    std::ranges::remove_copy(told, std::back_inserter(others), i);
+    if (linear.most_log_evidence(places_in(told, others)) < enough) continue;
+    keep_the_insignificant(e, prior_sigma, e.at, &others);
+    if (linear.log_evidence(places_in(told, others)) > enough) kept.insert(others.begin(), others.end());
+  }
+  open->assign(kept.begin(), kept.end());
 }
 
 // `takes_all`: numbers that are told are changed though they are not significantly off, as nothing speaks for
@@ -164,7 +186,10 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     choice.likeliest[open[k]] = prior_sigma[open[k]] * posterior.values[k];
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
-  if (!takes_all) posterior = keep_the_insignificant(evidence, prior_sigma, &open);
+  if (!takes_all) {
+    keep_what_may_be_as_given(evidence, prior_sigma, &open);
+    if (!open.empty()) posterior = estimate(evidence, prior_sigma, open);
+  }
   for (size_t k = 0; k < open.size(); ++k) {
     const int i = open[k];
     choice.values[i] = prior_sigma[i] * posterior.values[k];
