@@ -142,10 +142,17 @@ std::vector<int> surely_off(const CalibrationEvidence& e, const Eigen::VectorXd&
   return gain >= kSurelyAnother ? off : as_before;
 }
 
-// Leaves of the unknowns that are told those that are surely off and those that may be so in place of one of
-// them. It is not told then which it is, and either alone would take all that each has a part in.
-void keep_what_may_be_as_given(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
-                               std::vector<int>* open) {
+bool is_of_lens(const RigParameters::Parameter& p) {
+  using Kind = RigParameters::Kind;
+  return p.kind == Kind::kFocal || p.kind == Kind::kAspect || p.kind == Kind::kNumber;
+}
+
+// Leaves of the unknowns that are told those that are surely off and those of a lens that may be so in place
+// of one of them. It is not told then which it is, and either alone would take all that each has a part in.
+// The cameras of a rig stay where they were given: a baseline that is off in place of a lens is another
+// scale.
+void keep_what_may_be_as_given(const RigParameters& parameters, const CalibrationEvidence& e,
+                               const Eigen::VectorXd& prior_sigma, std::vector<int>* open) {
   const std::vector<int> told = *open;
   if (told.empty()) return;
   const LinearEvidence linear(e, prior_sigma, told);
@@ -153,8 +160,12 @@ void keep_what_may_be_as_given(const CalibrationEvidence& e, const Eigen::Vector
   const double enough = linear.log_evidence(places_in(told, off)) - kSurelyAnother;
   std::set<int> kept(off.begin(), off.end());
   for (const int i : off) {
+    if (!is_of_lens(parameters[i])) continue;
     std::vector<int> others;
-    std::ranges::remove_copy(told, std::back_inserter(others), i);
+    std::ranges::copy_if(told, std::back_inserter(others), [&](int j) {
+      const bool is_of_same = is_of_lens(parameters[j]) && parameters[j].camera == parameters[i].camera;
+      return j != i && (is_of_same || std::ranges::binary_search(off, j));
+    });
     if (linear.most_log_evidence(places_in(told, others)) < enough) continue;
     keep_the_insignificant(e, prior_sigma, e.at, &others);
     if (linear.log_evidence(places_in(told, others)) > enough) kept.insert(others.begin(), others.end());
@@ -164,8 +175,8 @@ void keep_what_may_be_as_given(const CalibrationEvidence& e, const Eigen::Vector
 
 // `takes_all`: numbers that are told are changed though they are not significantly off, as nothing speaks for
 // the given ones.
-CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEvidence& evidence,
-                         bool takes_all) {
+CalibrationChoice choose(const RigParameters& parameters, const Eigen::VectorXd& prior_sigma,
+                         const CalibrationEvidence& evidence, bool takes_all) {
   const int m = static_cast<int>(prior_sigma.size());
   std::vector<int> open(m);
   std::iota(open.begin(), open.end(), 0);
@@ -187,7 +198,7 @@ CalibrationChoice choose(const Eigen::VectorXd& prior_sigma, const CalibrationEv
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
   }
   if (!takes_all) {
-    keep_what_may_be_as_given(evidence, prior_sigma, &open);
+    keep_what_may_be_as_given(parameters, evidence, prior_sigma, &open);
     if (!open.empty()) posterior = estimate(evidence, prior_sigma, open);
   }
   for (size_t k = 0; k < open.size(); ++k) {
@@ -211,7 +222,7 @@ CalibrationChoice choose_lens(const RigParameters& parameters, const Eigen::Vect
   const int m = parameters.size();
   Eigen::VectorXd wide(m);
   for (int i = 0; i < m; ++i) wide[i] = sigma[i] * widened(parameters[i].kind);
-  CalibrationChoice other = choose(wide, evidence, takes_all);
+  CalibrationChoice other = choose(parameters, wide, evidence, takes_all);
   bool is_other = false;
   for (int i = 0; i < m; ++i) {
     if (wide[i] == sigma[i] || std::abs(other.values[i]) <= kContradiction * sigma[i]) continue;
@@ -219,7 +230,7 @@ CalibrationChoice choose_lens(const RigParameters& parameters, const Eigen::Vect
     is_other = true;
     other.contradicts |= parameters[i].kind == RigParameters::Kind::kFocal;
   }
-  return is_other ? other : choose(sigma, evidence, takes_all);
+  return is_other ? other : choose(parameters, sigma, evidence, takes_all);
 }
 
 bool is_readout(const RigParameters& parameters, int i) {

@@ -25,8 +25,8 @@ struct CalibrationChoice {
 
 // Two things keep a number as it is given. It is not told: its standard deviation is more than half of the
 // prior's. Or it is not significantly off. Those that are the least told, then the least off, are held one by
-// one, and the others are found anew. Where other numbers would be off about as likely if one of these were
-// held, which it is is not told, and all of them are found together.
+// one, and the others are found anew. Where other numbers of a lens would be off about as likely if one of it
+// were held, which it is is not told, and all of them are found together.
 //
 // A focal length that is off by more than four standard deviations of its prior is another lens, of which the
 // prior says nothing: it is then ten times as wide. Likewise the aspect of images that were squeezed, with

@@ -149,6 +149,37 @@ TEST_F(ChoiceTest, OfTwoExplanationsThatAreAsGoodBothAreTaken) {
   }
 }
 
+// A principal point and a camera that is turned explain about the same too, but what is not told of a lens is
+// not put on the rig.
+TEST(Choice, WhatALensMayBeOffByLeavesTheRigAsItIs) {
+  Rig rig = pinhole_rig();
+  rig.cameras.push_back(rig.cameras[0]);
+  rig.cameras[1].model = Pinhole{800, 800, 319.5, 239.5};
+  rig.cameras[1].rig_from_cam.translation.x() = 0.1;
+  const RigParameters parameters(rig);
+  const auto find = [&](RigParameters::Kind kind, int index) {
+    int i = 0;
+    while (parameters[i].camera != 1 || parameters[i].kind != kind || parameters[i].index != index) ++i;
+    return i;
+  };
+  const int turn = find(RigParameters::Kind::kTurn, 1), cx = find(RigParameters::Kind::kNumber, 2);
+  ASSERT_EQ(parameters.name(cx), "cx");
+  const double a = parameters[cx].prior_sigma, b = parameters[turn].prior_sigma;
+  constexpr double kObservations = 4000, kAlike = 0.99;
+  CalibrationEvidence e = CalibrationEvidence::nothing(Eigen::VectorXd::Zero(parameters.size()));
+  e.information(cx, cx) = kObservations / (a * a);
+  e.information(turn, turn) = kObservations / (b * b);
+  e.information(cx, turn) = e.information(turn, cx) = kAlike * kObservations / (a * b);
+  e.scatter = e.information;
+  e.observations = 10000, e.cost = e.observations;
+  Eigen::VectorXd off = Eigen::VectorXd::Zero(parameters.size());
+  off[cx] = 0.55 * a, off[turn] = 0.45 * b;
+  e.gradient = -e.information * off;
+  const CalibrationChoice found = choose_calibration(parameters, e);
+  EXPECT_NEAR(found.values[cx], (0.55 + kAlike * 0.45) * a, 0.01 * a);
+  EXPECT_EQ(found.values[turn], 0);
+}
+
 // The same where errors go together in what tells the distortion: neither is more likely for being told by
 // less of them.
 TEST_F(ChoiceTest, ComparesExplanationsByTheSameEvidence) {
