@@ -297,6 +297,7 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void refine_calibration(int segment, bool last);
   bool take_calibration(int segment, const Rig& better, bool last);
+  Adaption adaption(int segment, bool last, bool leads_on) const;
   Adaption whole_adaption(int segment) const;
   void adapt(int segment, int first_keyframe, Adaption how);
   void find_scale(int number);

@@ -64,19 +64,24 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool is_far = refiner_.take_over();
   // A large map has its newest part adapted while it grows, and goes on with that.
   const bool all = last || keyframes <= kAdapted;
-  const bool bends = rig_.scans() && refiner_.effect() > kBends;
-  Adaption how = last || bends ? Adaption::kTwoSeries : Adaption::kThinned;
-  if (refiner_.effect() > kConsiderable) how = Adaption::kToTheEnd;
   // Motion tells the readout, and the readout and the lens the motion.
   const bool moves = all && refiner_.has_found_shutter();
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
   const bool leads_on = is_far || moves || (all && !rig_.central());
-  // What is weakest in a long world tells nothing of the calibration: it waits for the end of the rounds.
-  if (last && keyframes > kAdapted) how = leads_on ? Adaption::kTwoSeriesThinned : whole_adaption(number);
-  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
+  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), adaption(number, last, leads_on));
   if (all) find_scale(number);
   if (moves) pose_frames_again(number);
   return leads_on;
+}
+
+// How a world follows the change that was just taken over; `leads_on`: to another round.
+Adaption Odometry::adaption(int number, bool last, bool leads_on) const {
+  const bool is_long = static_cast<int>(segments_[number].map.keyframes.size()) > kAdapted;
+  // What is weakest in a long world tells nothing of the calibration: it waits for the end of the rounds.
+  if (last && is_long) return leads_on ? Adaption::kTwoSeriesThinned : whole_adaption(number);
+  if (refiner_.effect() > kConsiderable) return Adaption::kToTheEnd;
+  const bool bends = rig_.scans() && refiner_.effect() > kBends;
+  return last || bends ? Adaption::kTwoSeries : Adaption::kThinned;
 }
 
 // What all of a world needs to follow a change along its weakest directions too.
