@@ -149,7 +149,7 @@ bool is_of_lens(const RigParameters::Parameter& p) {
 
 // Leaves of the unknowns that are told those that are surely off and those of a lens that may be so in place
 // of one of them. It is not told then which it is, and either alone would take all that each has a part in.
-// The cameras of a rig stay where they were given: a baseline that is off in place of a lens is another
+// Where the cameras of a rig are is no alternative: a baseline that is off in place of a lens is another
 // scale.
 void keep_what_may_be_as_given(const RigParameters& parameters, const CalibrationEvidence& e,
                                const Eigen::VectorXd& prior_sigma, std::vector<int>* open) {
