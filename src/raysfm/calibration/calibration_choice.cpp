@@ -75,6 +75,12 @@ struct LinearEvidence {
     return p;
   }
 
+  Posterior posterior() const {
+    std::vector<int> all(moment.size());
+    std::iota(all.begin(), all.end(), 0);
+    return posterior(all);
+  }
+
   // Logarithm of how likely all of the evidence is when only these unknowns are off, against none (MacKay,
   // Information Theory 28.1).
   double log_evidence(const std::vector<int>& some) const {
@@ -83,17 +89,16 @@ struct LinearEvidence {
     return 0.5 * (moment(some).dot(p.values) + p.covariance.ldlt().vectorD().array().log().sum());
   }
 
-  // What no part of these has more of.
-  double most_log_evidence(const std::vector<int>& some) const {
-    return some.empty() ? 0 : 0.5 * moment(some).dot(posterior(some).values);
+  // By unknown: what none of those without it has more of.
+  Eigen::VectorXd most_log_evidence_without() const {
+    const Posterior p = posterior();
+    return 0.5 * (moment.dot(p.values) - p.values.array().square() / p.covariance.diagonal().array());
   }
 };
 
 Posterior estimate(const CalibrationEvidence& e, const Eigen::VectorXd& prior_sigma,
                    const std::vector<int>& told) {
-  std::vector<int> all(told.size());
-  std::iota(all.begin(), all.end(), 0);
-  return LinearEvidence(e, prior_sigma, told).posterior(all);
+  return LinearEvidence(e, prior_sigma, told).posterior();
 }
 
 double least_significance(bool was_off) {
@@ -157,16 +162,18 @@ void keep_what_may_be_as_given(const RigParameters& parameters, const Calibratio
   if (told.empty()) return;
   const LinearEvidence linear(e, prior_sigma, told);
   const std::vector<int> off = surely_off(e, prior_sigma, linear, told);
-  const double enough = linear.log_evidence(places_in(told, off)) - kSurelyAnother;
+  const std::vector<int> places = places_in(told, off);
+  const double enough = linear.log_evidence(places) - kSurelyAnother;
+  const Eigen::VectorXd most_without = linear.most_log_evidence_without();
   std::set<int> kept(off.begin(), off.end());
-  for (const int i : off) {
-    if (!is_of_lens(parameters[i])) continue;
+  for (size_t k = 0; k < off.size(); ++k) {
+    const int i = off[k];
+    if (!is_of_lens(parameters[i]) || most_without[places[k]] < enough) continue;
     std::vector<int> others;
     std::ranges::copy_if(told, std::back_inserter(others), [&](int j) {
       const bool is_of_same = is_of_lens(parameters[j]) && parameters[j].camera == parameters[i].camera;
       return j != i && (is_of_same || std::ranges::binary_search(off, j));
     });
-    if (linear.most_log_evidence(places_in(told, others)) < enough) continue;
     keep_the_insignificant(e, prior_sigma, e.at, &others);
     if (linear.log_evidence(places_in(told, others)) > enough) kept.insert(others.begin(), others.end());
   }

@@ -104,6 +104,21 @@ TEST_F(ChoiceTest, ErrorsThatGoTogetherCount) {
   EXPECT_EQ(choose_calibration(parameters, e).values[kK1], 0);
 }
 
+// One that was changed before takes two standard deviations to stay changed, not four.
+TEST_F(ChoiceTest, WhatWasChangedBeforeStaysChanged) {
+  constexpr double kSigma = 0.001 * M_SQRT2;
+  sigma[kK1] = 0.001;
+  const auto found_for = [&](double k1) {
+    truth[kK1] = k1;
+    CalibrationEvidence e = evidence_for(truth, sigma);
+    e.at[kK1] = 0.01;
+    e.gradient += e.information * e.at;
+    return choose_calibration(parameters, e).values[kK1];
+  };
+  EXPECT_NEAR(found_for(3 * kSigma), 3 * kSigma, 0.03 * kSigma);
+  EXPECT_EQ(found_for(1.5 * kSigma), 0);
+}
+
 // However sure: patches are not found so well.
 TEST_F(ChoiceTest, AChangeThatMovesNextToNothingIsNotWorthIt) {
   sigma[kK1] = 1e-6;
