@@ -151,17 +151,17 @@ RigParameters::RigParameters(const Rig& given, double doubt, const CalibrationPr
     const double shift = kShiftPrior * distance;
     for (int axis = 0; axis < 3; ++axis) add(c, Kind::kShift, axis, shift, shift);
   }
+  first_values_ = Eigen::VectorXd::Zero(size());
   if (prior_.readout > 0 && size() > 0) add_readout();
-  first_values_.conservativeResizeLike(Eigen::VectorXd::Zero(size()));
 }
 
+// The present shutter is where the unknowns start from, and no part of what is given.
 void RigParameters::add_readout() {
-  first_values_ = Eigen::VectorXd::Zero(size() + 2);
-  for (int axis = 0; axis < 2; ++axis) {
-    first_values_[size()] = readout_along(axis, given_.cameras[0].shutter);
-    add(0, Kind::kReadout, axis, prior_.readout, prior_.readout);
-  }
+  const RollingShutter found = given_.cameras[0].shutter;
   for (Camera& camera : given_.cameras) camera.shutter = {};
+  for (int axis = 0; axis < 2; ++axis) add(0, Kind::kReadout, axis, prior_.readout, prior_.readout);
+  first_values_ = Eigen::VectorXd::Zero(size());
+  first_values_.tail<2>() << readout_along(0, found), readout_along(1, found);
 }
 
 void RigParameters::add(int camera, Kind kind, int index, double prior_sigma, double usual_sigma) {
