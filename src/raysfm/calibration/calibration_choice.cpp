@@ -187,8 +187,12 @@ CalibrationChoice choose(const RigParameters& parameters, const Eigen::VectorXd&
   const int m = static_cast<int>(prior_sigma.size());
   std::vector<int> open(m);
   std::iota(open.begin(), open.end(), 0);
-  CalibrationChoice choice{Eigen::VectorXd::Zero(m), prior_sigma, Eigen::VectorXd::Zero(m),
-                           Eigen::VectorXd::Zero(m), std::vector<uint8_t>(m, 0)};
+  CalibrationChoice choice{.values = Eigen::VectorXd::Zero(m),
+                           .sigma = prior_sigma,
+                           .likeliest = Eigen::VectorXd::Zero(m),
+                           .covariance = Eigen::MatrixXd::Zero(m, m),
+                           .significance = Eigen::VectorXd::Zero(m),
+                           .is_told = std::vector<uint8_t>(m, 0)};
   if (evidence.observations == 0) open.clear();  // what comes takes the fourth power of their number
   Posterior posterior;
   Eigen::Index least;
@@ -203,6 +207,10 @@ CalibrationChoice choose(const RigParameters& parameters, const Eigen::VectorXd&
     choice.sigma[open[k]] = prior_sigma[open[k]] * sigma;
     choice.likeliest[open[k]] = prior_sigma[open[k]] * posterior.values[k];
     choice.significance[open[k]] = std::abs(posterior.values[k]) / sigma;
+  }
+  if (!open.empty()) {
+    const Eigen::VectorXd unit = prior_sigma(open);
+    choice.covariance(open, open) = unit.asDiagonal() * posterior.covariance * unit.asDiagonal();
   }
   if (!takes_all) {
     keep_what_may_be_as_given(parameters, evidence, prior_sigma, &open);

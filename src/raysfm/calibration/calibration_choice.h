@@ -14,6 +14,7 @@ struct CalibrationChoice {
   Eigen::VectorXd sigma;   // standard deviations: of the prior where is_told is 0
   Eigen::VectorXd
       likeliest;  // what `sigma` is about where is_told is 1: with all told numbers free; else zero
+  Eigen::MatrixXd covariance;    // about `likeliest`, of what is told; else zero
   Eigen::VectorXd significance;  // how far the evidence has it from the given one, in standard deviations
   std::vector<uint8_t> is_told;  // 0: the evidence says little of it
   bool contradicts = false;      // a focal length is farther off than any calibration should be

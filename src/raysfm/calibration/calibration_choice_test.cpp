@@ -47,6 +47,8 @@ TEST_F(ChoiceTest, TakesWhatIsToldAndOff) {
   EXPECT_EQ(choice().values[kFocal], 0);
   // The covariance of the gradient and the scatter of residuals count alike: twice the variance.
   EXPECT_NEAR(choice().sigma[kK1], std::sqrt(2) * 0.001, 1e-5);
+  EXPECT_NEAR(choice().covariance(kK1, kK1), 2e-6, 2e-8);
+  EXPECT_EQ(choice().covariance(kFocal, kFocal), 0) << "what is not told";
   EXPECT_TRUE(is_worth_it(choice()));
 }
 

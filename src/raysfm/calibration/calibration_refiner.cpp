@@ -1,5 +1,6 @@
 #include "raysfm/calibration/calibration_refiner.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -356,6 +357,25 @@ bool CalibrationRefiner::take_over() {
 double CalibrationRefiner::deviation(int i) const {
   return choice_.is_told[i] ? std::hypot(choice_.sigma[i], choice_.likeliest[i] - values_[i])
                             : choice_.sigma[i];
+}
+
+// One that is kept, though another is likelier, is as far off as that one besides.
+std::vector<Rig> CalibrationRefiner::deviations() const {
+  std::vector<int> told;
+  for (int i = 0; i < parameters_.size(); ++i) {
+    if (choice_.is_told[i] && parameters_[i].kind != RigParameters::Kind::kReadout) told.push_back(i);
+  }
+  if (how_ == LensRefinement::kOff || told.empty()) return {};
+  const Eigen::VectorXd off = (choice_.likeliest - values_)(told);
+  const Eigen::MatrixXd covariance = choice_.covariance(told, told) + off * off.transpose();
+  const Eigen::MatrixXd columns = covariance.llt().matrixL();
+  std::vector<Rig> rigs;
+  for (Eigen::Index k = 0; k < columns.cols(); ++k) {
+    Eigen::VectorXd values = values_;
+    values(told) += columns.col(k);
+    rigs.push_back(parameters_.rig(values));
+  }
+  return rigs;
 }
 
 // Changes of a camera that differs from the first by its own add up.

@@ -89,12 +89,15 @@ class CalibrationRefiner {
   bool contradicts() const { return contradicts_; }
   // The present calibration.
   Rig rig() const { return parameters_.rig(values_); }
+  // Calibrations that are a standard deviation from the present one each, in directions that are independent
+  // of one another: how well it is known in what the footage tells. Readouts are as they are.
+  std::vector<Rig> deviations() const;
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.likeliest, choice_.significance,
-                    choice_.is_told, choice_.contradicts, choice_.effect, choice_.is_part, contradicts_,
-                    shutter_is_dropped_, stretches_);
+    raysfm::archive(a, values_, choice_.values, choice_.sigma, choice_.likeliest, choice_.covariance,
+                    choice_.significance, choice_.is_told, choice_.contradicts, choice_.effect,
+                    choice_.is_part, contradicts_, shutter_is_dropped_, stretches_);
   }
 
  private:

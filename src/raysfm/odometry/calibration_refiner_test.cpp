@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <random>
+#include <string>
 
 #include "raysfm/eval/trajectory_error.h"
 #include "raysfm/odometry/odometry.h"
@@ -169,6 +171,33 @@ TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
     EXPECT_EQ(before[i].told, after[i].told) << before[i].name;
     EXPECT_NEAR(before[i].sigma, after[i].sigma, 0.1 * before[i].sigma) << before[i].name;
   }
+}
+
+// Their squares add up to the variance that is told of each number.
+TEST(CalibrationRefiner, DeviationsAreAsWideAsTheNumbersAreUnsure) {
+  Camera off = small_camera();
+  std::get<Radtan>(off.model).fx *= 1.004;
+  const TrackingRig exact({{small_camera()}}, ErrorMeasure::kPixel), rig({{off}}, ErrorMeasure::kPixel);
+  CalibrationRefiner refiner({{off}}, LensRefinement::kAuto);
+  EXPECT_TRUE(refiner.deviations().empty()) << "nothing is told yet";
+  refiner.measure(rig, 0, noisy_map(exact), {}, [](int) { return RigMotion{}; });
+  refiner.better(false);
+  const auto numbers_of = [](const Rig& r) {
+    const auto& lens = std::get<Radtan>(r.cameras[0].model);
+    return std::map<std::string, double>{{"fx", lens.fx}, {"cx", lens.cx}, {"cy", lens.cy}, {"k1", lens.k1}};
+  };
+  std::map<std::string, double> squares;
+  for (const Rig& other : refiner.deviations()) {
+    for (const auto& [name, value] : numbers_of(other))
+      squares[name] += std::pow(value - numbers_of(refiner.rig())[name], 2);
+  }
+  int told = 0;
+  for (const CalibrationNumber& n : refiner.numbers()) {
+    if (!n.told || !squares.contains(n.name)) continue;
+    ++told;
+    EXPECT_NEAR(std::sqrt(squares[n.name]), n.sigma, 0.01 * n.sigma) << n.name;
+  }
+  EXPECT_GE(told, 3);
 }
 
 RigMotion turning_motion(int keyframe) {

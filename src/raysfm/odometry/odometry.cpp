@@ -396,7 +396,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose, Adjustin
   rescale_frames(world(), factor);
   if (!goes_back_) {
     refine_calibration(world(), false);
-    map_covariance_.follow(rig_, segment().map, world());
+    follow_errors(segment().map);
   }
   const int keyframe = static_cast<int>(segment().map.keyframes.size()) - 1;
   Localisation at_keyframe = pose;
@@ -458,6 +458,11 @@ void Odometry::forget_old_views() {
 void Odometry::drop_dead_features(int keyframe, bool for_good) {
   if (keyframe < 0) return;
   raysfm::drop_dead_features(keyframe, for_good, &segment().map, &segment().views[keyframe]);
+}
+
+// Keeps how well the poses of the active world are known; `map` is its map.
+void Odometry::follow_errors(const Map& map) {
+  if (map_covariance_.is_due(map)) map_covariance_.measure(rig_, refiner_.deviations(), map, world());
 }
 
 // The covariance of a pose that hangs on a key frame, from the one with points held fixed.
@@ -662,7 +667,8 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     if (numbers[s] >= 0) refine_calibration(s, true);
   }
   if (options_.finishes_maps) finish_maps(final_adjustment);
-  if (active_ >= 0 && segment().joined_into < 0) map_covariance_.finish(rig_, segment().map, world());
+  if (active_ >= 0 && segment().joined_into < 0)
+    map_covariance_.measure(rig_, refiner_.deviations(), segment().map, world());
   for (int i = 0; i < frames(); ++i) settle(i);
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));

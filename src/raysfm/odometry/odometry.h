@@ -309,6 +309,7 @@ class Odometry {
   void learn_velocity();
   void record(int frame, const Localisation& pose, int keyframe);
   void record(int frame, const Localisation& pose, int keyframe, const Matrix6d& covariance);
+  void follow_errors(const Map& map);
   Matrix6d with_map(int segment, int keyframe, const Rigid3& rig_from_world,
                     const Matrix6d& points_fixed) const;
   void pose_again(int frame);

@@ -41,7 +41,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   segment().calibration = calibration_;
   motion_watch_.restart();
   observer_->world_started({world(), start.summary});
-  map_covariance_.follow(rig_, segment().map, world());
+  follow_errors(segment().map);
   pose_start_frames(start, views);
   if (start.first_view > 0) go_back(views, start.first_view);
   for (int k = 0; const MapKeyFrame& keyframe : segment().map.keyframes) {
@@ -160,7 +160,7 @@ void Odometry::grow_back(const std::vector<WaitingView>& views, int end, int fir
   if (map.keyframes.size() == started) return;
   transform_map(similarity_of(map.keyframes[0].rig_from_world), &map);
   map.keyframes[0].rig_from_world = {};
-  map_covariance_.follow(rig_, map, world());
+  follow_errors(map);
   const int old = static_cast<int>(map.keyframes.size()) - kFollowedFor;
   for (int k = 0; k < old; ++k) drop_dead_features(k, false);
   // Poses of the start were told already.

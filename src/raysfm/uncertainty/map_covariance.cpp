@@ -19,21 +19,18 @@ constexpr RobustLoss kWindowLoss{RobustLoss::Kind::kHuber, 1.0};
 
 }  // namespace
 
-void MapCovariance::follow(const TrackingRig& rig, const Map& map, int world) {
+bool MapCovariance::is_due(const Map& map) const {
   const int count = static_cast<int>(map.keyframes.size());
-  const int due = measured_ + std::clamp(measured_, 1, kEvery);
-  if (count < measured_ || count >= due) measure(rig, map, world);
+  return count < measured_ || count >= measured_ + std::clamp(measured_, 1, kEvery);
 }
 
-void MapCovariance::finish(const TrackingRig& rig, const Map& map, int world) {
-  measure(rig, map, world);
-}
-
-void MapCovariance::measure(const TrackingRig& rig, const Map& map, int world) {
+void MapCovariance::measure(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map,
+                            int world) {
   const int end = static_cast<int>(map.keyframes.size()), first = std::max(0, end - kWindow);
   measured_ = end;
   if (end - first < 2) return;
-  const auto window = window_covariance(rig, map, first, end, kWindowLoss, kPoints * (end - first));
+  const auto window =
+      window_covariance(rig, map, first, end, kWindowLoss, kPoints * (end - first), deviations);
   if (!window) return;
   factor_ = std::max(1.0, window->variance / window->independent_variance);
   for (int k = first; k < end; ++k) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "raysfm/core/archive.h"
@@ -15,10 +16,10 @@ namespace raysfm {
 // these errors too, so that they belong to its covariance (Eudes and Lhuillier 2009). `world` names a map.
 class MapCovariance {
  public:
-  // A map began, or has a key frame more, and was adjusted.
-  void follow(const TrackingRig& rig, const Map& map, int world);
-  // The same, whether or not it is time: no more key frames come.
-  void finish(const TrackingRig& rig, const Map& map, int world);
+  // Whether a map that was adjusted has many more key frames than when it was measured, or begins.
+  bool is_due(const Map& map) const;
+  // `deviations`: how well the calibration is known, as of window_covariance().
+  void measure(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map, int world);
 
   // Covariance of the tangent of a frame's rig_from_world with respect to the key frames about it
   // (docs/conventions.md), from the one with points held fixed and the pose of the frame before the key frame
@@ -48,7 +49,6 @@ class MapCovariance {
     }
   };
 
-  void measure(const TrackingRig& rig, const Map& map, int world);
   void keep(const Known& found, bool is_better);
   const Known* nearest(int world, int frame) const;
 

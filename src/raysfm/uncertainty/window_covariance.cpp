@@ -7,6 +7,7 @@
 
 #include "raysfm/features/octaves.h"
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/uncertainty/calibration_changes.h"
 
 namespace raysfm {
 namespace {
@@ -49,8 +50,15 @@ struct Cluster {
 
 class Window {
  public:
-  Window(const TrackingRig& rig, const Map& map, int first, int end, const RobustLoss& loss)
-      : rig_(rig), map_(map), first_(first), count_(end - first), loss_(loss) {
+  Window(const TrackingRig& rig, const Map& map, int first, int end, const RobustLoss& loss,
+         std::span<const Rig> deviations)
+      : rig_(rig),
+        map_(map),
+        first_(first),
+        count_(end - first),
+        loss_(loss),
+        calibration_(rig, deviations),
+        pull_(MatrixXd::Zero(6 * count_, calibration_.size())) {
     for (int k = first; k < end; ++k) {
       poses_.push_back(map.keyframes[k].rig_from_world);
       rotations_.push_back(poses_.back().rotation.toRotationMatrix());
@@ -73,6 +81,7 @@ class Window {
   struct Term {
     int pose;
     Vector2d residual;
+    double scale = 0;  // residual, in pixels or of an angle, to standard deviations and by its weight
     Eigen::Matrix<double, 2, 6> by_pose;
     Eigen::Matrix<double, 2, 3> by_point;
   };
@@ -107,12 +116,11 @@ class Window {
       by_x = by_x_in_cam * rig_.cam_from_rig(c).rotation.toRotationMatrix();
     }
     const double scale = 1 / double(octave_side(keyframe.octaves[o.feature]));
-    t->residual *= scale;
-    by_x *= scale;
-    if (!(t->residual.norm() < kMostMisfit)) return false;
-    const double root = std::sqrt(loss_.weight(t->residual.squaredNorm()));
-    t->residual *= root;
-    by_x *= root;
+    const double squares = scale * scale * t->residual.squaredNorm();
+    if (!(squares < kMostMisfit * kMostMisfit)) return false;
+    t->scale = scale * std::sqrt(loss_.weight(squares));
+    t->residual *= t->scale;
+    by_x *= t->scale;
     t->by_pose << by_x, -by_x * skew(x);
     t->by_point = by_x * rotations_[t->pose];
     return t->residual.allFinite();
@@ -127,7 +135,7 @@ class Window {
       const MapKeyFrame& keyframe = map_.keyframes[o.keyframe];
       if (!keyframe.inliers[o.feature]) continue;
       Term t;
-      if (!differentiate(o, point.position, &t)) continue;
+      if (!differentiate(o, point.position, &t) || !find_changes(o, point.position, t)) continue;
       if (t.pose < first) {  // tracks that were fused are in no order
         first = t.pose;
         cluster = cluster_of(keyframe.cameras[o.feature], keyframe.pixels[o.feature], first);
@@ -144,6 +152,40 @@ class Window {
     const Eigen::LDLT<Matrix3d> factor(v);
     if (!(factor.vectorD().minCoeff() > kLeastPivot * factor.vectorD().maxCoeff())) return;
     eliminate(factor, factor.solve(gradient), first, &clusters_[cluster]);
+    pull_by_calibration(factor);
+  }
+
+  // What the next term does where the calibration is another.
+  bool find_changes(const TrackObservation& o, const Vector3d& point, const Term& t) {
+    if (calibration_.size() == 0) return true;
+    const MapKeyFrame& keyframe = map_.keyframes[o.keyframe];
+    const auto begin = static_cast<Eigen::Index>(terms_.size()) * calibration_.size();
+    if (changes_.cols() < begin + calibration_.size())
+      changes_.conservativeResize(2, 2 * (begin + calibration_.size()));
+    auto changes = changes_.middleCols(begin, calibration_.size());
+    const Vector3d x = rotations_[t.pose] * point + poses_[t.pose].translation;
+    if (!calibration_.at(keyframe.cameras[o.feature], keyframe.instant_pixel(o.feature).cast<double>(),
+                         rig_.angular() ? &keyframe.rays[o.feature] : nullptr, x, changes)) {
+      return false;
+    }
+    changes *= t.scale;
+    return true;
+  }
+
+  // Adds how the terms of a point pull at the poses where the calibration is another and the point moves with
+  // it.
+  void pull_by_calibration(const Eigen::LDLT<Matrix3d>& factor) {
+    const int size = calibration_.size();
+    if (size == 0) return;
+    by_point_.setZero(3, size);
+    for (size_t i = 0; i < terms_.size(); ++i)
+      by_point_.noalias() += terms_[i].by_point.transpose() * changes_.middleCols(i * size, size);
+    by_point_ = factor.solve(by_point_).eval();
+    for (size_t i = 0; i < terms_.size(); ++i) {
+      const Term& t = terms_[i];
+      pull_.middleRows<6>(6 * t.pose).noalias() +=
+          t.by_pose.transpose() * (changes_.middleCols(i * size, size) - t.by_point * by_point_);
+    }
   }
 
   // Adds what the terms of a point, which moves by `step`, say of the poses, of which `first` is the first.
@@ -309,6 +351,10 @@ class Window {
     MatrixXd covariance = std::max(w.variance, w.independent_variance) * share_ * inverse_;
     covariance = aligned(covariance, 6);
     replace_scale(&covariance);
+    if (calibration_.size() > 0) {
+      const MatrixXd moved = inverse_ * pull_;
+      covariance += aligned(moved * moved.transpose(), 6);
+    }
     if (!metric()) covariance = aligned(covariance, 7);
     if (!covariance.allFinite()) return std::nullopt;
     for (int k = 0; k < count_; ++k) w.poses.push_back(covariance.block<6, 6>(6 * k, 6 * k));
@@ -319,10 +365,14 @@ class Window {
   const Map& map_;
   const int first_, count_;
   const RobustLoss& loss_;
+  CalibrationChanges calibration_;
+  MatrixXd pull_;  // of each other calibration, the gradient of all poses
   std::vector<Rigid3> poses_;
   std::vector<Matrix3d> rotations_;
   std::vector<int> points_;
   std::vector<Term> terms_;
+  Eigen::Matrix2Xd changes_;  // of the terms, by calibrations
+  Eigen::Matrix3Xd by_point_;
   std::vector<Cluster> clusters_;
   MatrixXd motions_, fit_positions_, fit_orientations_, inverse_;
   double squares_ = 0, share_ = 1;
@@ -332,8 +382,9 @@ class Window {
 }  // namespace
 
 std::optional<WindowCovariance> window_covariance(const TrackingRig& rig, const Map& map, int first, int end,
-                                                  const RobustLoss& loss, int most_points) {
-  return Window(rig, map, first, end, loss).run(most_points);
+                                                  const RobustLoss& loss, int most_points,
+                                                  std::span<const Rig> deviations) {
+  return Window(rig, map, first, end, loss, deviations).run(most_points);
 }
 
 }  // namespace raysfm

@@ -63,9 +63,25 @@ struct Trials {
   double held = 0, held_orientations = 0, factor = 0;
 };
 
+// Cameras whose focal length is longer by a part of itself and whose principal point is another.
+std::vector<Camera> changed(std::vector<Camera> cameras, double focal, double centre) {
+  for (Camera& camera : cameras) {
+    auto& lens = std::get<Pinhole>(camera.model);
+    lens.fx *= 1 + focal, lens.fy *= 1 + focal;
+    lens.cx += centre;
+  }
+  return cameras;
+}
+
+// Standard deviations of both, and whether the covariance is told.
+struct WrongLens {
+  double focal = 0, centre = 0;  // part; pixels
+  bool is_told = true;
+};
+
 // `shared`: part of the variance of a pixel's error that all points of a neighbourhood have in common.
-Trials draw(const BundleScene& scene, double shared, int trials, Alignment alignment = Alignment::kSim3) {
-  const TrackingRig rig(Rig{scene.cameras});
+Trials draw(const BundleScene& scene, double shared, int trials, Alignment alignment = Alignment::kSim3,
+            const WrongLens& wrong = {}) {
   const std::array lengths = {kKeyFrames};
   Rng rng(5);
   Trials sums;
@@ -81,10 +97,15 @@ Trials draw(const BundleScene& scene, double shared, int trials, Alignment align
       o.pixel += std::sqrt(shared) * it->second +
                  std::sqrt(1 - shared) * kNoise * Eigen::Vector2d(rng.normal(), rng.normal());
     }
+    noisy.cameras = changed(scene.cameras, wrong.focal * rng.normal(), wrong.centre * rng.normal());
+    const TrackingRig rig(Rig{noisy.cameras});
+    std::vector<Rig> deviations;
+    if (wrong.is_told && wrong.focal > 0)
+      deviations = {{changed(noisy.cameras, wrong.focal, 0)}, {changed(noisy.cameras, 0, wrong.centre)}};
     adjuster.adjust(noisy.problem(), {.max_iterations = 20, .min_relative_decrease = 1e-9});
     Map map = map_of(noisy);
     map.scale_sigma = alignment == Alignment::kSe3 ? 0.01 : INFINITY;
-    const auto window = window_covariance(rig, map, 0, kKeyFrames, kNoLoss, kEveryPoint);
+    const auto window = window_covariance(rig, map, 0, kKeyFrames, kNoLoss, kEveryPoint, deviations);
     if (!window) {
       ADD_FAILURE() << "no covariance";
       return sums;
@@ -124,6 +145,17 @@ TEST(WindowCovariance, HoldsErrorsThatNeighboursShare) {
   EXPECT_NEAR(t.held_orientations, 0.9, 0.06);
   EXPECT_GT(t.factor, 1.5);
   EXPECT_LT(t.factor, 5);
+}
+
+// A lens that is off by three hundredths moves positions and orientations farther than noise does.
+TEST(WindowCovariance, HoldsWhatAWrongCalibrationDoes) {
+  const WrongLens told{.focal = 0.03, .centre = 9}, untold{.focal = 0.03, .centre = 9, .is_told = false};
+  const Trials t = draw(exact_scene(), 0, 150, Alignment::kSim3, told);
+  EXPECT_NEAR(t.held, 0.9, 0.04);
+  EXPECT_NEAR(t.held_orientations, 0.9, 0.04);
+  const Trials u = draw(exact_scene(), 0, 50, Alignment::kSim3, untold);
+  EXPECT_LT(u.held, 0.6);
+  EXPECT_LT(u.held_orientations, 0.6);
 }
 
 TEST(WindowCovariance, OfAStereoRigIsMetric) {
