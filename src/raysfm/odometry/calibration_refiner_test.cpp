@@ -1,6 +1,7 @@
 // Calibrations that are wrong on purpose, on rendered images whose lens is exact.
 #include <gtest/gtest.h>
 
+#include <Eigen/Eigenvalues>
 #include <cmath>
 #include <map>
 #include <random>
@@ -119,6 +120,27 @@ TEST(CalibrationRefiner, AnExactCalibrationStays) {
 // Of noisy_map(), whose key frames are a second apart.
 Rigid3 turning_pose(double time) {
   return {exp_so3({0.1 * std::sin(0.7 * time), 0.05 * time - 0.6, 0}), {0, 0, 5}};
+}
+
+// The first poses, too, moved with what became known of the calibration late.
+TEST(CalibrationRefiner, CovariancesHaveItInThemFromTheFirstFrameOn) {
+  Tracked refined, exact;
+  track(orbit(), small_camera(), LensRefinement::kAuto, &refined);
+  track(orbit(), small_camera(), LensRefinement::kOff, &exact);
+  ASSERT_TRUE(refined.number("fx").told);
+  double ratio = 0;
+  for (int i = 0; i < orbit().size(); ++i) {
+    const PosedFrame &a = refined.result.frames[i], &b = exact.result.frames[i];
+    ASSERT_TRUE(a.world_from_rig && b.world_from_rig);
+    EXPECT_EQ(a.world_from_rig->translation, b.world_from_rig->translation) << "it is kept";
+    const Matrix6d more = a.covariance - b.covariance;
+    const double least = Eigen::SelfAdjointEigenSolver<Matrix6d>(more).eigenvalues()[0];
+    EXPECT_GT(least, -0.2 * b.covariance.trace()) << i;
+    EXPECT_GT(more.trace(), 0) << i;
+    ratio += std::sqrt(a.covariance.trace() / b.covariance.trace()) / orbit().size();
+  }
+  EXPECT_GT(ratio, 1.05);
+  EXPECT_LT(ratio, 10);
 }
 
 // A map as the camera would have it, of points about it that it turns round; corners with a noise.

@@ -134,9 +134,8 @@ void Odometry::go_through_waiting() {
 
 FramePosed Odometry::pose_of(int number) const {
   const FrameRecord& frame = record_of(number);
-  const Rigid3 rig_from_world = present_pose(frame, segments_[frame.segment].map);
-  return {number, frame.segment, rig_from_world.inverse(),
-          covariance_in_world(rig_from_world, frame.covariance)};
+  const Map& map = segments_[frame.segment].map;
+  return {number, frame.segment, present_pose(frame, map).inverse(), covariance_of(frame, map)};
 }
 
 FrameResult Odometry::result_of(int number) const {
@@ -465,6 +464,26 @@ void Odometry::follow_errors(const Map& map) {
   if (map_covariance_.is_due(map)) map_covariance_.measure(rig_, refiner_.deviations(), map, world());
 }
 
+// All poses moved with what became known of the calibration.
+void Odometry::finish_covariances() {
+  const std::vector<Rig> deviations = refiner_.deviations();
+  for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
+    if (segments_[s].joined_into >= 0) continue;
+    if (!deviations.empty()) {
+      map_covariance_.measure_all(rig_, deviations, segments_[s].map, s);
+    } else if (s == active_) {
+      map_covariance_.measure(rig_, {}, segments_[s].map, s);
+    }
+  }
+}
+
+// Of the tangent of a frame's world_from_rig, in its map.
+Matrix6d Odometry::covariance_of(const FrameRecord& frame, const Map& map) const {
+  const Matrix6d by_calibration = map_covariance_.by_calibration(
+      frame.segment, map.keyframes[frame.keyframe].frame, frame.rig_from_keyframe);
+  return covariance_in_world(present_pose(frame, map), frame.covariance + by_calibration);
+}
+
 // The covariance of a pose that hangs on a key frame, from the one with points held fixed.
 Matrix6d Odometry::with_map(int segment, int keyframe, const Rigid3& rig_from_world,
                             const Matrix6d& points_fixed) const {
@@ -667,8 +686,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
     if (numbers[s] >= 0) refine_calibration(s, true);
   }
   if (options_.finishes_maps) finish_maps(final_adjustment);
-  if (active_ >= 0 && segment().joined_into < 0)
-    map_covariance_.measure(rig_, refiner_.deviations(), segment().map, world());
+  finish_covariances();
   for (int i = 0; i < frames(); ++i) settle(i);
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));

@@ -136,7 +136,7 @@ class Odometry {
     int segment = -1;
     int keyframe = -1;
     Rigid3 rig_from_keyframe;
-    // Tangent of rig_from_world, the errors of the map included.
+    // Tangent of rig_from_world, the errors of the map included, those of the calibration not.
     Matrix6d covariance = Matrix6d::Zero();
     bool place_held = false;          // as in PosedFrame
     int same_as = -1;                 // an earlier frame, whose record is this one's too; -1: none
@@ -310,6 +310,8 @@ class Odometry {
   void record(int frame, const Localisation& pose, int keyframe);
   void record(int frame, const Localisation& pose, int keyframe, const Matrix6d& covariance);
   void follow_errors(const Map& map);
+  void finish_covariances();
+  Matrix6d covariance_of(const FrameRecord& frame, const Map& map) const;
   Matrix6d with_map(int segment, int keyframe, const Rigid3& rig_from_world,
                     const Matrix6d& points_fixed) const;
   void pose_again(int frame);

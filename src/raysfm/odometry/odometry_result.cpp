@@ -64,9 +64,8 @@ Reconstruction Odometry::assemble(std::vector<Map> maps) const {
     if (f.segment < 0) continue;
     frame.segment = number_of[f.segment];
     frame.place_held = f.place_held;
-    const Rigid3 rig_from_world = present_pose(f, maps[f.segment]);
-    frame.world_from_rig = rig_from_world.inverse();
-    frame.covariance = covariance_in_world(rig_from_world, f.covariance);
+    frame.world_from_rig = present_pose(f, maps[f.segment]).inverse();
+    frame.covariance = covariance_of(f, maps[f.segment]);
   }
   for (int s = 0; s < static_cast<int>(maps.size()); ++s) {
     if (number_of[s] < 0) continue;

@@ -17,6 +17,14 @@ constexpr size_t kMostKnown = 64;
 constexpr int kPoints = 20;  // of each key frame: more cost time and change little
 constexpr RobustLoss kWindowLoss{RobustLoss::Kind::kHuber, 1.0};
 
+// A frame is about where its key frame is, and as far off: only its axes are others.
+Matrix6d in_axes_of(const Rigid3& rig_from_keyframe, const Matrix6d& covariance) {
+  const Eigen::Matrix3d turn = rig_from_keyframe.rotation.toRotationMatrix();
+  Matrix6d turned = Matrix6d::Zero();
+  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = turn;
+  return turned * covariance * turned.transpose();
+}
+
 }  // namespace
 
 bool MapCovariance::is_due(const Map& map) const {
@@ -26,8 +34,23 @@ bool MapCovariance::is_due(const Map& map) const {
 
 void MapCovariance::measure(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map,
                             int world) {
-  const int end = static_cast<int>(map.keyframes.size()), first = std::max(0, end - kWindow);
-  measured_ = end;
+  measured_ = static_cast<int>(map.keyframes.size());
+  measure_window(rig, deviations, map, world, measured_);
+  if (known_.size() > kMostKnown) known_.erase(known_.begin(), known_.end() - kMostKnown);
+}
+
+void MapCovariance::measure_all(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map,
+                                int world) {
+  const int count = static_cast<int>(map.keyframes.size());
+  for (int end = std::min(count, kWindow); end < count; end += kEvery)
+    measure_window(rig, deviations, map, world, end);
+  measure_window(rig, deviations, map, world, count);
+}
+
+// The last key frames before `end`.
+void MapCovariance::measure_window(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map,
+                                   int world, int end) {
+  const int first = std::max(0, end - kWindow);
   if (end - first < 2) return;
   const auto window =
       window_covariance(rig, map, first, end, kWindowLoss, kPoints * (end - first), deviations);
@@ -36,7 +59,8 @@ void MapCovariance::measure(const TrackingRig& rig, std::span<const Rig> deviati
   for (int k = first; k < end; ++k) {
     const int frame = map.keyframes[k].frame;  // negative where it is one of an earlier run
     const bool is_better = first == 0 || k >= first + kMiddle;
-    if (frame >= 0) keep({frame, world, window->poses[k - first]}, is_better);
+    if (frame >= 0)
+      keep({frame, world, window->poses[k - first], window->by_calibration[k - first]}, is_better);
   }
 }
 
@@ -47,7 +71,6 @@ void MapCovariance::keep(const Known& found, bool is_better) {
     return;
   }
   known_.insert(at, found);
-  if (known_.size() > kMostKnown) known_.erase(known_.begin());
 }
 
 const MapCovariance::Known* MapCovariance::nearest(int world, int frame) const {
@@ -63,18 +86,23 @@ Matrix6d MapCovariance::of(int world, int keyframe_frame, const Rigid3& rig_from
   Matrix6d sum = factor_ * points_fixed;
   const Known* known = nearest(world, keyframe_frame);
   if (!known) return sum;
-  // The frame is about where the key frame is, and as far off: only its axes are others.
-  const Eigen::Matrix3d turn = rig_from_keyframe.rotation.toRotationMatrix();
-  Matrix6d turned = Matrix6d::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = turn;
-  sum += turned * known->covariance * turned.transpose();
+  sum += in_axes_of(rig_from_keyframe, known->covariance);
   return 0.5 * (sum + sum.transpose());
+}
+
+Matrix6d MapCovariance::by_calibration(int world, int keyframe_frame, const Rigid3& rig_from_keyframe) const {
+  const Known* known = nearest(world, keyframe_frame);
+  if (!known) return Matrix6d::Zero();
+  const Matrix6d turned = in_axes_of(rig_from_keyframe, known->by_calibration);
+  return 0.5 * (turned + turned.transpose());
 }
 
 void MapCovariance::rescale(int world, double factor) {
   const Eigen::Vector<double, 6> unit{factor, factor, factor, 1, 1, 1};
   for (Known& k : known_) {
-    if (k.world == world) k.covariance = (unit.asDiagonal() * k.covariance * unit.asDiagonal()).eval();
+    if (k.world != world) continue;
+    for (Matrix6d* m : {&k.covariance, &k.by_calibration})
+      *m = (unit.asDiagonal() * *m * unit.asDiagonal()).eval();
   }
 }
 

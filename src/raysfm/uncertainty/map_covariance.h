@@ -20,12 +20,17 @@ class MapCovariance {
   bool is_due(const Map& map) const;
   // `deviations`: how well the calibration is known, as of window_covariance().
   void measure(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map, int world);
+  // All key frames of a map that grows no more.
+  void measure_all(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map, int world);
 
   // Covariance of the tangent of a frame's rig_from_world with respect to the key frames about it
   // (docs/conventions.md), from the one with points held fixed and the pose of the frame before the key frame
   // that it hangs on, which was taken at input frame `keyframe_frame`.
   Matrix6d of(int world, int keyframe_frame, const Rigid3& rig_from_keyframe,
               const Matrix6d& points_fixed) const;
+  // What the errors of the calibration add to that, as far as it is known now: poses moved when it became
+  // known.
+  Matrix6d by_calibration(int world, int keyframe_frame, const Rigid3& rig_from_keyframe) const;
 
   // The unit of length of a world changed.
   void rescale(int world, double factor);
@@ -42,13 +47,16 @@ class MapCovariance {
     int frame = 0;  // that the key frame was taken at
     int world = 0;
     Matrix6d covariance = Matrix6d::Zero();  // of the tangent of its rig_from_world
+    Matrix6d by_calibration = Matrix6d::Zero();
 
     template <typename A>
     void archive(A& a) {
-      raysfm::archive(a, frame, world, covariance);
+      raysfm::archive(a, frame, world, covariance, by_calibration);
     }
   };
 
+  void measure_window(const TrackingRig& rig, std::span<const Rig> deviations, const Map& map, int world,
+                      int end);
   void keep(const Known& found, bool is_better);
   const Known* nearest(int world, int frame) const;
 

@@ -351,13 +351,14 @@ class Window {
     MatrixXd covariance = std::max(w.variance, w.independent_variance) * share_ * inverse_;
     covariance = aligned(covariance, 6);
     replace_scale(&covariance);
-    if (calibration_.size() > 0) {
-      const MatrixXd moved = inverse_ * pull_;
-      covariance += aligned(moved * moved.transpose(), 6);
-    }
     if (!metric()) covariance = aligned(covariance, 7);
-    if (!covariance.allFinite()) return std::nullopt;
-    for (int k = 0; k < count_; ++k) w.poses.push_back(covariance.block<6, 6>(6 * k, 6 * k));
+    const MatrixXd moved = inverse_ * pull_;
+    const MatrixXd by_calibration = aligned(moved * moved.transpose(), metric() ? 6 : 7);
+    if (!covariance.allFinite() || !by_calibration.allFinite()) return std::nullopt;
+    for (int k = 0; k < count_; ++k) {
+      w.poses.push_back(covariance.block<6, 6>(6 * k, 6 * k));
+      w.by_calibration.push_back(by_calibration.block<6, 6>(6 * k, 6 * k));
+    }
     return w;
   }
 

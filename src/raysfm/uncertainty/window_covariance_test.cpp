@@ -116,7 +116,7 @@ Trials draw(const BundleScene& scene, double shared, int trials, Alignment align
       const Eigen::Matrix3d back = noisy.poses[i].rotation.conjugate().toRotationMatrix();
       Matrix6d turn = Matrix6d::Zero();
       turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = back;
-      covariances.push_back(turn * window->poses[i] * turn.transpose());
+      covariances.push_back(turn * (window->poses[i] + window->by_calibration[i]) * turn.transpose());
       for (Trajectory* t : {&estimate, &truth}) t->timestamps.push_back(i);
       estimate.world_from_cam.push_back(noisy.poses[i].inverse());
       truth.world_from_cam.push_back(scene.true_poses[i].inverse());
