@@ -26,12 +26,13 @@ TWO = {"room": WALK["room"], "street": DRIVE["street"]}
 
 @dataclasses.dataclass
 class Row:
-    """`sequence` names one of the shared data, the other fields are about films that are rendered. `least` is the share
-    that windows of 20 frames must hold in --check."""
+    """`sequence` names one of the shared data, the other fields are about films that are rendered. `held`: the calibration,
+    which is exact, is told to be (`--refine-lens off`). `least` is the share that windows of 20 frames must hold in --check."""
     name: str
     camera: str = ""
     worlds: dict = dataclasses.field(default_factory=dict)
     flags: tuple = ()
+    held: bool = False
     seeds: int = 1
     sequence: str = ""
     least: float | None = None
@@ -51,10 +52,13 @@ ROWS = [
     Row("pinhole, shutter open 25 ms", "pinhole-small", WALK, ("--blur", "0.025")),
     Row("pinhole, noise of 5 grey levels", "pinhole-small", TWO, ("--noise", "5")),
     Row("pinhole, noise of 10 grey levels", "pinhole-small", TWO, ("--noise", "10")),
+    Row("pinhole, calibration held", "pinhole-small", EVERYWHERE, held=True),
     Row("fisheye 190 degrees", "town-fisheye", TWO),
+    Row("fisheye 190 degrees, calibration held", "town-fisheye", TWO, held=True),
     Row("camera before a mirror", "mirror", TWO, orientations=False),
     Row("stereo", "stereo-small", WALK),
     Row("three cameras without a common view", "tri-rig-small", LOOK),
+    Row("three cameras, calibration held", "tri-rig-small", LOOK, held=True),
 ]
 
 
@@ -72,9 +76,9 @@ def judged(folder, outputs):
     return {"metric": metric, "posed": report["frames"]["posed"], "windows": json.loads(printed)["covariance"]}
 
 
-def experiment(name, before, source):
+def experiment(name, before, source, flags=()):
     out = "{out}/o"
-    track = ["{raysfm}", "track", source, "--out", out, "--threads", "1", "--quiet"]
+    track = ["{raysfm}", "track", source, "--out", out, "--threads", "1", "--quiet", *flags]
     judge = ["{raysfm}", "eval", out, f"{source}/truth.txt", "--covariance", f"{out}/covariance.csv", "--json", "--align"]
     return kept.Experiment(name, [*before, track, [*judge, "sim3"], [*judge, "se3"]], judged, ["raysfm"], may_fail=True)
 
@@ -90,7 +94,8 @@ def experiments_of(row):
             synth = ["{raysfm}", "synth", *flags, *row.flags, "--camera", "{%s}" % row.camera, "--seed", str(seed),
                      "--threads", "1", "--quiet", "--out", "{out}/film"]
             name = f"{row.name}, {world}, seed {seed}"
-            made.append(dataclasses.replace(experiment(name, [synth], "{out}/film"), inputs=[row.camera]))
+            flags = ("--refine-lens", "off") if row.held else ()
+            made.append(dataclasses.replace(experiment(name, [synth], "{out}/film", flags), inputs=[row.camera]))
     return made
 
 

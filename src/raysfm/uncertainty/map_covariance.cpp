@@ -1,7 +1,7 @@
 #include "raysfm/uncertainty/map_covariance.h"
 
 #include <algorithm>
-#include <cstdlib>
+#include <iterator>
 
 #include "raysfm/uncertainty/window_covariance.h"
 
@@ -74,11 +74,12 @@ void MapCovariance::keep(const Known& found, bool is_better) {
 }
 
 const MapCovariance::Known* MapCovariance::nearest(int world, int frame) const {
-  const Known* best = nullptr;
-  for (const Known& k : known_) {
-    if (k.world == world && (!best || std::abs(k.frame - frame) < std::abs(best->frame - frame))) best = &k;
-  }
-  return best;
+  const auto is_of_world = [&](const Known& k) { return k.world == world; };
+  const auto middle = std::ranges::lower_bound(known_, frame, {}, &Known::frame);
+  const auto after = std::find_if(middle, known_.end(), is_of_world);
+  const auto before = std::find_if(std::make_reverse_iterator(middle), known_.rend(), is_of_world);
+  if (before == known_.rend()) return after == known_.end() ? nullptr : &*after;
+  return after == known_.end() || frame - before->frame <= after->frame - frame ? &*before : &*after;
 }
 
 Matrix6d MapCovariance::of(int world, int keyframe_frame, const Rigid3& rig_from_keyframe,

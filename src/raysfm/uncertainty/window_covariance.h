@@ -15,9 +15,9 @@ namespace raysfm {
 // What the errors of a map, and those of the calibration, do to the poses of consecutive key frames of it.
 struct WindowCovariance {
   // By key frame, of the tangent of rig_from_world: `variance` times the inverse of the normal equations of
-  // all poses and points of the window, points eliminated. The first block
-  // is about positions after the similarity (the rigid motion where the scale is metric) that takes those of
-  // the window nearest to the true ones, the last about orientations after the rotation that does so.
+  // all poses and points of the window, points eliminated. The first block is about positions after the
+  // similarity (the rigid motion where the scale is metric) that takes those of the window nearest to the
+  // true ones, the last about orientations after the rotation that does so.
   std::vector<Matrix6d> poses;
   std::vector<Matrix6d> by_calibration;  // likewise, what a wrong calibration adds
   // Of one component of a residual, standard deviations of the octave squared. The first counts that
