@@ -10,6 +10,7 @@
 #include "raysfm/bundle/bundle_core.h"
 #include "raysfm/bundle/scale_estimate.h"
 #include "raysfm/camera/camera_class.h"
+#include "raysfm/camera/ray_change.h"
 #include "raysfm/core/paged_memory.h"
 #include "raysfm/geometry/rotation.h"
 #include "raysfm/residuals/block_residual.h"
@@ -258,8 +259,7 @@ class Measurement {
     return true;
   }
 
-  // The axes of a plain angle are any: the observed ray moves and they stay, orthogonal to it but for what is
-  // small of the second order.
+  // The axes of a plain angle are any: the observed ray moves and they stay.
   bool differentiate_plain_angle(int i, const Eigen::Vector3d& x, Eigen::Vector2d* residual,
                                  Eigen::Matrix<double, 2, 3>* by_x, BlockMap<2> by_parameters) const {
     const ObservedRay& ray = problem_.rays[i];
@@ -270,24 +270,13 @@ class Measurement {
     if (!ray_in_rig(present_[o.camera], o.pixel, &present)) return false;
     for (const Moved& p : moved_[o.camera]) {
       if (!ray_in_rig(p.camera, o.pixel, &moved)) return false;
-      const Eigen::Vector3d motion =
-          moved.direction - present.direction + (moved.origin - present.origin) / depth;
-      by_parameters.col(p.parameter) = -ray.tangents * motion * p.inverse_step;
+      by_parameters.col(p.parameter) = residual_change(ray, depth, present, moved) * p.inverse_step;
     }
     for (const int j : readouts_) {
       const double step = parameters_[j].step;
       if (!ray_in_rig(present_[o.camera], o.pixel + step * by_readout(i, j), &moved)) return false;
-      const Eigen::Vector3d motion =
-          moved.direction - present.direction + (moved.origin - present.origin) / depth;
-      by_parameters.col(j) = -ray.tangents * motion / step;
+      by_parameters.col(j) = residual_change(ray, depth, present, moved) / step;
     }
-    return true;
-  }
-
-  static bool ray_in_rig(const Camera& camera, const Eigen::Vector2d& pixel, Ray* ray) {
-    if (!camera.ray(pixel, ray)) return false;
-    ray->origin = camera.rig_from_cam * ray->origin;
-    ray->direction = camera.rig_from_cam.rotation * ray->direction;
     return true;
   }
 

@@ -1,16 +1,8 @@
 #include "raysfm/uncertainty/calibration_changes.h"
 
+#include "raysfm/camera/ray_change.h"
+
 namespace raysfm {
-namespace {
-
-bool ray_in_rig(const Camera& camera, const Eigen::Vector2d& pixel, Ray* ray) {
-  if (!camera.ray(pixel, ray)) return false;
-  ray->origin = camera.rig_from_cam * ray->origin;
-  ray->direction = camera.rig_from_cam.rotation * ray->direction;
-  return true;
-}
-
-}  // namespace
 
 CalibrationChanges::CalibrationChanges(const TrackingRig& rig, std::span<const Rig> others) : rig_(rig) {
   for (const Rig& other : others) {
@@ -20,8 +12,6 @@ CalibrationChanges::CalibrationChanges(const TrackingRig& rig, std::span<const R
   }
 }
 
-// The observed ray turns and moves, and the plane of its error stays, orthogonal to it but for what is small
-// of the second order.
 bool CalibrationChanges::at(int c, const Eigen::Vector2d& pixel, const ObservedRay* ray,
                             const Eigen::Vector3d& x, Eigen::Ref<Eigen::Matrix2Xd> changes) const {
   if (!rig_.angular()) return differences_of_pixels(c, x, changes);
@@ -30,8 +20,7 @@ bool CalibrationChanges::at(int c, const Eigen::Vector2d& pixel, const ObservedR
   if (!ray_in_rig(rig_.camera(c), pixel, &present)) return false;
   for (int k = 0; k < size(); ++k) {
     if (!ray_in_rig(others_[k][c], pixel, &other)) return false;
-    changes.col(k) =
-        -ray->tangents * (other.direction - present.direction + (other.origin - present.origin) / depth);
+    changes.col(k) = residual_change(*ray, depth, present, other);
   }
   return true;
 }
