@@ -3,7 +3,8 @@
 #include <libdeflate.h>
 
 #include <array>
-#include <cstdlib>
+#include <bit>
+#include <cstring>
 #include <memory>
 #include <new>
 #include <string>
@@ -60,34 +61,90 @@ bool unpack(const std::string& packed, size_t size, uint8_t* rows) {
          LIBDEFLATE_SUCCESS;
 }
 
-// Of left, above and above left the one nearest to left + above - above left (PNG 9.4).
-inline int paeth(int left, int above, int above_left) {
-  const int to_left = std::abs(above - above_left), to_above = std::abs(left - above_left);
-  const int to_above_left = std::abs(left + above - 2 * above_left);
-  const int nearer = to_above <= to_above_left ? above : above_left;
-  return to_left <= to_above && to_left <= to_above_left ? left : nearer;
+// Values of a pixel side by side, each with room for sums of three.
+using Lanes = int16_t __attribute__((vector_size(16)));
+using ByteLanes = uint8_t __attribute__((vector_size(8)));
+
+template <typename Whole>
+uint64_t read(const uint8_t* bytes) {
+  Whole value;
+  std::memcpy(&value, bytes, sizeof(Whole));
+  return value;
 }
 
-// What a filter took away is added again. `in` may be `out`; `above` is the row above, unfiltered. kStep is
-// the distance of neighbours in bytes.
-template <int kStep>
-bool unfilter(int filter, const uint8_t* in, const uint8_t* above, size_t size, uint8_t* out) {
-  const auto add = [&](auto predicted) {
-    for (size_t i = 0; i < kStep; ++i) out[i] = static_cast<uint8_t>(in[i] + predicted(0, above[i], 0));
-    for (size_t i = kStep; i < size; ++i) {
-      out[i] = static_cast<uint8_t>(in[i] + predicted(out[i - kStep], above[i], above[i - kStep]));
+// In one or two pieces that registers hold: a copy of three bytes would go through memory, which takes longer
+// than all else that is done to a pixel.
+template <int kBytes>
+Lanes load(const uint8_t* pixel) {
+  uint64_t bytes = 0;
+  if constexpr (kBytes == 2) bytes = read<uint16_t>(pixel);
+  if constexpr (kBytes == 3) bytes = read<uint16_t>(pixel) | read<uint8_t>(pixel + 2) << 16;
+  if constexpr (kBytes == 4) bytes = read<uint32_t>(pixel);
+  if constexpr (kBytes == 6) bytes = read<uint32_t>(pixel) | read<uint16_t>(pixel + 4) << 32;
+  if constexpr (kBytes == 8) bytes = read<uint64_t>(pixel);
+  return __builtin_convertvector(std::bit_cast<ByteLanes>(bytes), Lanes);
+}
+
+template <int kBytes>
+void store(const Lanes& values, uint8_t* pixel) {
+  constexpr int kFirst = std::bit_floor(static_cast<unsigned>(kBytes));
+  const auto bytes = std::bit_cast<uint64_t>(__builtin_convertvector(values, ByteLanes));
+  std::memcpy(pixel, &bytes, kFirst);
+  if constexpr (kBytes > kFirst) {
+    const uint64_t rest = bytes >> 8 * kFirst;
+    std::memcpy(pixel + kFirst, &rest, kBytes - kFirst);
+  }
+}
+
+// Of left, above and above left the one nearest to left + above - above left (PNG 9.4): of left and above the
+// lower one where that sum is nearer to it than to above left, the higher one likewise.
+constexpr auto paeth = [](const auto& left, const auto& above, const auto& above_left) {
+  const auto low = left < above ? left : above, high = left < above ? above : left;
+  const auto bound = 3 * above_left - left - above;
+  const auto low_or_corner = high <= bound ? low : above_left;
+  return bound <= low ? high : low_or_corner;
+};
+
+// What a filter took away is added again, pixel by pixel: each depends on the one to its left. `in` may be
+// `out`; `above` is the row above, unfiltered.
+template <int kBytes, typename Predict>
+void add_predicted(const uint8_t* in, const uint8_t* above, size_t size, uint8_t* out,
+                   const Predict& predicted) {
+  if constexpr (kBytes == 1) {
+    int left = 0, above_left = 0;
+    for (size_t i = 0; i < size; ++i) {
+      const int up = above[i];
+      out[i] = static_cast<uint8_t>(in[i] + predicted(left, up, above_left));
+      left = out[i], above_left = up;
     }
+  } else {
+    Lanes left = {}, above_left = {};
+    for (size_t i = 0; i < size; i += kBytes) {
+      const Lanes up = load<kBytes>(above + i);
+      left = (load<kBytes>(in + i) + predicted(left, up, above_left)) & 255;
+      store<kBytes>(left, out + i);
+      above_left = up;
+    }
+  }
+}
+
+template <int kBytes>
+bool unfilter(int filter, const uint8_t* in, const uint8_t* above, size_t size, uint8_t* out) {
+  const auto add = [&](const auto& predicted) {
+    add_predicted<kBytes>(in, above, size, out, predicted);
     return true;
   };
   switch (filter) {
     case 0:
-      return add([](int, int, int) { return 0; });
+      std::memmove(out, in, size);
+      return true;
     case 1:
-      return add([](int left, int, int) { return left; });
+      return add([](const auto& left, const auto&, const auto&) { return left; });
     case 2:
-      return add([](int, int up, int) { return up; });
+      for (size_t i = 0; i < size; ++i) out[i] = static_cast<uint8_t>(in[i] + above[i]);
+      return true;
     case 3:
-      return add([](int left, int up, int) { return (left + up) / 2; });
+      return add([](const auto& left, const auto& up, const auto&) { return (left + up) >> 1; });
     case 4:
       return add(paeth);
     default:
