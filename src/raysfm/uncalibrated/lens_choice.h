@@ -16,8 +16,9 @@ namespace raysfm {
 // max_error_px, in units of the variance of the residuals, by four standard deviations more than as many
 // superfluous numbers would (chi-squared). Errors that are alike along a track lower it too: there it must
 // fall by what the Bayesian information criterion asks for, and the focal length must change by more than
-// such errors bring about, or the residuals fall by what they cannot. Errors that are alike in an image
-// lower it by a few percent, and the focal length must change too.
+// such errors bring about, or the residuals fall by what they cannot; and change in the images whose
+// residuals fall. Errors that are alike in an image lower it by a few percent, and the focal length must
+// change too.
 Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::span<const uint8_t> compared,
                                                Result<UncalibratedReconstruction> fixed,
                                                Result<UncalibratedReconstruction> zoom, double max_error_px,

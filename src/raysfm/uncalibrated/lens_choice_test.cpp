@@ -82,6 +82,31 @@ TEST(LensChoice, LensThatHardlyChangesIsFixedWhateverTheResidualsSay) {
   EXPECT_FALSE(zooms(0.5, 0.5, 0.0));
 }
 
+// A third of the images gains by a lens of its own, whose focal length is that of the one lens; the others'
+// change, and gain nothing by it: what they see lies half-way between both.
+TEST(LensChoice, ChangeInImagesThatGainNothingByItIsNoZoom) {
+  constexpr double kSpread = 0.05, kOff = 8;
+  const Seen seen = look();
+  const UncalibratedReconstruction fixed = with(seen.truth, 0, 0, false);
+  UncalibratedReconstruction zoom = with(seen.truth, 0, kSpread, true);
+  PointTracks tracks = seen.tracks;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int j = tracks.image[k];
+    if (j % 3 == 0) {
+      zoom.scene.lenses[j] = {500, 500, 320 + kOff, 240, 0};
+      tracks.pixel[k].x() += kOff;
+    } else {
+      tracks.pixel[k] += 0.5 * pixel_residual(tracks, zoom.scene, {}, k);
+    }
+  }
+  const std::vector<uint8_t> all(kChoiceImages, 1);
+  const auto chosen = choose_lens(tracks, all, fixed, zoom, 50, ErrorRelation::kAlongTracks);
+  ASSERT_TRUE(chosen);
+  EXPECT_FALSE(chosen->zooming) << chosen->lens_evidence;
+  EXPECT_GT(chosen->lens_spread, 0.03);  // which was enough, as was
+  EXPECT_GT(chosen->lens_gain, 1.15);
+}
+
 TEST(LensChoice, ErrorsOfTheirOwnTellSmallChangesToo) {
   EXPECT_TRUE(zooms(1.0, 0.1, 0.006, ErrorRelation::kNone));
   EXPECT_FALSE(zooms(0.5, 0.5, 0.0, ErrorRelation::kNone));

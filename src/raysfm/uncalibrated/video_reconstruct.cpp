@@ -414,7 +414,7 @@ ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
   Result<UncalibratedReconstruction> chosen = choose_lens(ideal, all, std::move(one), std::move(many),
                                                           options.max_error_px, ErrorRelation::kAlongTracks);
   if (!chosen) return {};
-  return {chosen->zooming, std::move(chosen->lens_evidence), chosen->lens_spread};
+  return {chosen->zooming, std::move(chosen->lens_evidence), chosen->lens_gain, chosen->lens_spread};
 }
 
 }  // namespace raysfm

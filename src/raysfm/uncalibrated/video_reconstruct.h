@@ -36,8 +36,8 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
 // What speaks for a zoom where one lens was found for all images.
 struct ZoomSigns {
   bool zooms = false;
-  std::string evidence;  // as UncalibratedReconstruction::lens_evidence
-  double spread = 0;     // as UncalibratedReconstruction::lens_spread
+  std::string evidence;         // as UncalibratedReconstruction::lens_evidence
+  double gain = 0, spread = 0;  // as lens_gain and lens_spread of UncalibratedReconstruction
 };
 
 // Whether a lens for each image explains the tracks of a video, all of whose images are key frames, so much
