@@ -18,11 +18,8 @@
 namespace raysfm {
 namespace {
 
-constexpr int kStartImages = 16;  // key frames
-constexpr int kStarts = 5;        // stretches tried
-// Of a stretch of a video to start from: what is left out comes in as the start grows. All of them, 10,000 to
-// 13,000, take twice the time to the same lens in the end.
-constexpr int kStartObservations = 6000;
+constexpr int kStartImages = 16;                    // key frames
+constexpr int kStarts = 5;                          // stretches tried
 constexpr int kGroupImages = 24, kPhotoGroups = 3;  // of photos
 constexpr double kSureFocal = 0.01;
 
@@ -34,31 +31,22 @@ std::vector<int> marked(std::span<const uint8_t> marks) {
   return numbers;
 }
 
-// Some of the images alone, and what they see.
+// The stretch [first, last) of the key frames alone.
 struct Stretch {
   PointTracks tracks;
   std::vector<int> images, points;  // in the whole, by index in the stretch
   std::vector<int> observations;
 };
 
-// `most`: about so many observations, of points spread evenly.
-Stretch cut(const PointTracks& tracks, std::span<const int> images, double most) {
-  constexpr int kLeastSeen = 3;
+Stretch cut(const PointTracks& tracks, std::span<const int> images) {
   Stretch stretch;
   stretch.images.assign(images.begin(), images.end());
   std::vector<int> image_number(tracks.image_count, -1), seen(tracks.point_count, 0);
   std::vector<int> point_number(tracks.point_count, -1);
   for (size_t j = 0; j < images.size(); ++j) image_number[images[j]] = static_cast<int>(j);
   for (int k = 0; k < tracks.size(); ++k) seen[tracks.point[k]] += image_number[tracks.image[k]] >= 0;
-  int all = 0;
-  for (const int n : seen) all += n >= kLeastSeen ? n : 0;
-  const double part = std::min(1.0, most / std::max(1, all));
-  double due = 0;  // of the next point
   for (int i = 0; i < tracks.point_count; ++i) {
-    if (seen[i] < kLeastSeen) continue;
-    due += part;
-    if (due < 1) continue;
-    due -= 1;
+    if (seen[i] < 3) continue;
     point_number[i] = static_cast<int>(stretch.points.size());
     stretch.points.push_back(i);
   }
@@ -142,7 +130,7 @@ Result<UncalibratedReconstruction> find_start(const PointTracks& tracks, const s
   for (const std::vector<int>& images : start_images(tracks, keyframes, in_order)) {
     if (!(least > kSureFocal) || (!first && control.stopped())) break;
     first = false;
-    const Stretch stretch = cut(tracks, images, in_order ? kStartObservations : INFINITY);
+    const Stretch stretch = cut(tracks, images);
     const auto part = reconstruct(stretch.tracks, of_start);
     if (options.stopped() && !best) return no_reconstruction("interrupted");
     if (!part && !best && !std::isfinite(least)) best = part.error();
