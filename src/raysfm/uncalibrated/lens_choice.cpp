@@ -101,9 +101,8 @@ Verdict judge_lens(const Comparison& c, double freedom, double spread, bool is_b
       rms(c.fixed), rms(c.zoom), gain, needed);
   if (along_tracks) {
     evidence +=
-        " where the focal length changes, in the images that gain by it, by more than 3 %, or by 1 % and the "
-        "rms "
-        "falls by a seventh";
+        " where those images change by more than 3 % in focal length that gain by it, or by 1 % and the ";
+    evidence += "rms falls by a seventh";
   }
   if (errors == ErrorRelation::kWithinImages) {
     evidence += " where the focal length changes by more than 1 % and the rms falls by a twentieth";
