@@ -115,8 +115,9 @@ std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
       const size_t count = std::min(kWindow, keyframes.size() - first);
       const MapStretch s = stretch_of(r, *lens, std::span(keyframes).subspan(first, count));
       const ZoomSigns signs = signs_of_zoom(s.tracks, {}, s.found);
-      const bool is_shutter = scans && (signs.spread <= kBeyondShutters || signs.gain <= kGainBeyondShutters);
-      if (signs.zooms && !is_shutter) {
+      const bool may_be_shutter =
+          scans && (signs.spread <= kBeyondShutters || signs.gain <= kGainBeyondShutters);
+      if (signs.zooms && !may_be_shutter) {
         return ZoomedStretch{keyframes[first].frame, keyframes[first + count - 1].frame,
                              static_cast<double>(r.keyframes.size())};
       }

@@ -65,7 +65,7 @@ double focal_spread(std::span<const uint8_t> compared, const UncalibratedReconst
 // camera goes the way it looks, or sees a plane, a lens for each image may be any, and nothing gains by it: a
 // film with a turn on the spot changed by 10 % in images that gain nothing, by 1.6 in those that do; where
 // cameras zoom the two are within a third of each other.
-bool is_borne_out(const Comparison& c, const UncalibratedReconstruction& zoom, double spread) {
+bool changes_where_it_gains(const Comparison& c, const UncalibratedReconstruction& zoom, double spread) {
   constexpr double kLeastPart = 0.5;
   return focal_spread(c.gains, zoom) > kLeastPart * spread;
 }
@@ -101,8 +101,8 @@ Verdict judge_lens(const Comparison& c, double freedom, double spread, bool is_b
       rms(c.fixed), rms(c.zoom), gain, needed);
   if (along_tracks) {
     evidence +=
-        " where those images change by more than 3 % in focal length that gain by it, or by 1 % and the ";
-    evidence += "rms falls by a seventh";
+        " where those images change by more than 3 % in focal length that gain by it, "
+        "or by 1 % and the rms falls by a seventh";
   }
   if (errors == ErrorRelation::kWithinImages) {
     evidence += " where the focal length changes by more than 1 % and the rms falls by a twentieth";
@@ -123,7 +123,8 @@ Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::s
   if (fixed && zoom) {
     const Comparison c = compare(tracks, compared, *fixed, *zoom, max_error_px);
     const double spread = focal_spread(compared, *zoom);
-    verdict = judge_lens(c, freedom(c, zoom->world_is_given), spread, is_borne_out(c, *zoom, spread), errors);
+    verdict = judge_lens(c, freedom(c, zoom->world_is_given), spread,
+                         changes_where_it_gains(c, *zoom, spread), errors);
   }
   auto& chosen = verdict.zooming ? zoom : fixed;
   chosen->lens_gain = verdict.gain;
