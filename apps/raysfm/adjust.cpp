@@ -1,4 +1,4 @@
-#include "raysfm/api/adjust.h"
+#include "raysfm/adjustment/adjust.h"
 
 #include <fmt/format.h>
 

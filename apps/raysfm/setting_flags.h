@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "commands.h"
-#include "raysfm/api/config.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm::app {
 

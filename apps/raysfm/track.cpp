@@ -9,8 +9,8 @@
 
 #include "commands.h"
 #include "live_view.h"
-#include "raysfm/api/config.h"
 #include "raysfm/api/track.h"
+#include "raysfm/settings/config.h"
 #include "setting_flags.h"
 #include "terminal.h"
 

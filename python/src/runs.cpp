@@ -1,7 +1,7 @@
 #include <pybind11/stl.h>
 
 #include "long_call.h"
-#include "raysfm/api/adjust.h"
+#include "raysfm/adjustment/adjust.h"
 #include "raysfm/api/solve.h"
 #include "raysfm/api/track.h"
 #include "raysfm/results/output_folder.h"

@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "raysfm/api/config.h"
 #include "raysfm/core/result.h"
 #include "raysfm/geometry/pose.h"
+#include "raysfm/settings/config.h"
 
 // What the parts of the Python module share: errors, texts and arrays on their way in and out.
 namespace raysfm::python {

@@ -2,7 +2,7 @@
 // (config_test.cpp). Built by clang with -DRAYSFM_BUILD_FUZZERS=ON -DRAYSFM_SANITIZE=fuzzer-no-link,address.
 
 #include "memory_file.h"
-#include "raysfm/api/config.h"
+#include "raysfm/settings/config.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const raysfm::fuzz::MemoryFile file(data, size);

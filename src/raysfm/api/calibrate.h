@@ -3,11 +3,11 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/api/config.h"
 #include "raysfm/boards/board_advice.h"
 #include "raysfm/boards/calibrate_boards.h"
 #include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 

@@ -7,10 +7,10 @@
 #include <limits>
 #include <utility>
 
-#include "raysfm/api/config.h"
 #include "raysfm/camera_files/camera_file.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/files/text_file.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 namespace {

@@ -1,5 +1,6 @@
 // Rendered films, whose lens is exact, judge what their corners say of it.
 #include "raysfm/api/find_lens.h"
+#include "raysfm/api/given_lens.h"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,12 @@
 // What a command gives is what its folder gives back.
 #include <gtest/gtest.h>
 
-#include "raysfm/api/adjust.h"
-#include "raysfm/api/config.h"
+#include "raysfm/adjustment/adjust.h"
 #include "raysfm/api/solve.h"
 #include "raysfm/api/track.h"
 #include "raysfm/results/output_folder.h"
 #include "raysfm/results/reconstruction_folder.h"
+#include "raysfm/settings/config.h"
 #include "support/shared_data.h"
 #include "support/temporary_folder.h"
 

@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/api/config.h"
 #include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 

@@ -193,6 +193,13 @@ void TrackJoiner::add(const ViewPtr& whole) {
   }
 }
 
+void stretch_images(const Eigen::Vector2d& factors, PointTracks* tracks) {
+  if (factors == Eigen::Vector2d::Ones()) return;
+  const Eigen::Vector2d half(0.5, 0.5);
+  tracks->image_size = tracks->image_size.cwiseProduct(factors);
+  for (Eigen::Vector2d& p : tracks->pixel) p = (p + half).cwiseProduct(factors) - half;
+}
+
 PointTracks corner_tracks(std::span<const ViewPtr> views, int camera) {
   const int count = static_cast<int>(views.size());
   PointTracks tracks;

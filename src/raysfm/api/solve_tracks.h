@@ -72,6 +72,10 @@ class TrackJoiner {
 // their patches lie there. `views`: in the order of time, with corners.
 PointTracks corner_tracks(std::span<const ViewPtr> views, int camera);
 
+// Tracks of images that were stretched by these factors: what tells a lens takes pixels for square, and for
+// as large as corners are exact.
+void stretch_images(const Eigen::Vector2d& factors, PointTracks* tracks);
+
 // The tracks of a video of one camera, or of images in order, stretch by stretch.
 class TrackReader {
  public:

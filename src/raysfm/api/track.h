@@ -10,6 +10,7 @@
 #include "raysfm/odometry/options.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 
@@ -73,6 +74,12 @@ class TrackWatcher : public TrackerObserver {
 // is not to be looked for and no file is to tell it; else null.
 Result<TrackResult> track(const TrackSettings& settings, const TrackCallbacks& callbacks,
                           TrackWatcher* watcher = nullptr, const FoundLens* found = nullptr);
+
+// All settings but the inputs and the output folder. The fields point into `settings`.
+std::vector<SettingField> setting_fields(TrackSettings& settings);
+
+// Text of config.yaml, as that of any subcommand.
+std::string effective_config(TrackSettings settings, const std::string& version);
 
 // What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
 Result<OdometryOptions> odometry_options(const TrackSettings& settings);

@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/api/config.h"
 #include "raysfm/api/solve_result.h"
 #include "raysfm/api/track.h"
 #include "raysfm/camera_files/camera_file.h"
@@ -12,6 +11,7 @@
 #include "raysfm/core/paged_memory.h"
 #include "raysfm/files/atomic_file.h"
 #include "raysfm/results/output_folder.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 namespace {

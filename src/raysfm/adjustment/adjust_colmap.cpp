@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "raysfm/api/adjust_model.h"
+#include "raysfm/adjustment/adjust_model.h"
 
 namespace raysfm {
 namespace {

@@ -1,4 +1,4 @@
-#include "raysfm/api/config.h"
+#include "raysfm/settings/config.h"
 
 #include <gtest/gtest.h>
 
@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "raysfm/api/track.h"
 #include "raysfm/core/random.h"
 #include "support/damage.h"
 

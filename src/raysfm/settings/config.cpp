@@ -1,4 +1,4 @@
-#include "raysfm/api/config.h"
+#include "raysfm/settings/config.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -113,61 +113,6 @@ std::string yaml_quoted(const std::string& text) {
 
 }  // namespace
 
-std::vector<SettingField> setting_fields(TrackSettings& s) {
-  OdometryOptions& o = s.odometry;
-  return {
-      {"camera",
-       "camera file; default: the one beside the images, else the lens is found from the footage",
-       &s.camera,
-       {}},
-      {"fov",
-       "horizontal field of view in degrees, 5 to 150, for footage that does not tell the lens",
-       &s.fov,
-       {}},
-      {"fps", "frames per second of images without timestamps", &s.fps, {}},
-      {"from", "seconds of the input at which to begin", &s.range.from, {}},
-      {"to", "seconds of the input at which to end; 0 for all of it", &s.range.to, {}},
-      {"mono", "use only the first camera of a stereo layout", &s.mono, {}},
-      {"seed", "seed of every random choice", &o.seed, {}},
-      {"threads", "worker threads; 0 for as many as the machine has", &s.threads, {}},
-      {"error", "residual that is minimised", &s.error, {"auto", "pixel", "angular", "angular-plain"}},
-      {"start", "how the first views are posed", &s.start, {"auto", "five-point", "pless"}},
-      {"refine-lens", "whether a calibration that is off is refined", &s.refine_lens, {"auto", "on", "off"}},
-      {"rolling-shutter",
-       "auto, none, or milliseconds from the first row of an image to the last; auto: as the camera file "
-       "says",
-       &s.rolling_shutter,
-       {}},
-      {"loops", "whether places seen before close loops and join worlds", &s.loops, {"on", "off"}},
-      {"map", "saved map to go on from", &s.map, {}},
-      {"save-map", "saved map to leave, for later runs", &s.save_map, {}},
-      {"localise", "only poses in --map, which stays as it is", &s.localise, {}},
-      {"final", "adjustment of everything at the end", &s.final, {"none", "global", "hierarchical"}},
-      {"features", "corners per frame", &o.features, {}},
-      {"min-matches", "fewer matches with the last key frame ask for a new one", &o.min_matches, {}},
-      {"free-cameras", "key frames that a local adjustment moves", &o.free_cameras, {}},
-      {"window", "key frames that a local adjustment observes", &o.window, {}},
-      {"global-until", "key frames up to which everything is adjusted", &o.global_until, {}},
-      {"preset",
-       "lba09: as the paper, for comparison; refines no calibration, closes no loops, and leaves out all "
-       "that "
-       "--without and --paper-window name",
-       &s.preset,
-       {"none", "lba09"}},
-      {"without",
-       "what to leave out of what the paper does not have, separated by commas: blur, earlier, keyframes, "
-       "parallax, surfaces, turning",
-       &s.without,
-       {}},
-      {"paper-window",
-       "local adjustments as LBA09 2.5 has them, for experiments: nothing older than the window is observed, "
-       "which "
-       "may be as small as --free-cameras",
-       &o.paper_window,
-       {}},
-  };
-}
-
 Result<void> check_allowed(const std::vector<SettingField>& fields) {
   for (const SettingField& field : fields) {
     const auto* const* text = std::get_if<std::string*>(&field.value);
@@ -205,10 +150,6 @@ Error where_it_was_set(Error error, const ConfigRecord& record) {
   const auto line = record.lines.find(text.substr(begin, end - begin));
   if (end == std::string::npos || line == record.lines.end()) return error;
   return {error.kind, fmt::format("{}: line {}: {}", record.file, line->second, text.substr(begin))};
-}
-
-std::string effective_config(TrackSettings settings, const std::string& version) {
-  return effective_config(setting_fields(settings), settings.inputs, version);
 }
 
 std::string effective_config(const std::vector<SettingField>& fields, const std::vector<std::string>& inputs,

@@ -8,7 +8,6 @@
 #include <variant>
 #include <vector>
 
-#include "raysfm/api/track.h"
 #include "raysfm/core/result.h"
 
 namespace raysfm {
@@ -20,9 +19,6 @@ struct SettingField {
   std::variant<int*, double*, bool*, uint64_t*, std::string*> value;  // the default until it is set
   std::vector<std::string> allowed;                                   // of a string; empty: anything
 };
-
-// All settings of `track` but its inputs and its output folder. The fields point into `settings`.
-std::vector<SettingField> setting_fields(TrackSettings& settings);
 
 // Bad input that names the first string among the fields that is not allowed.
 Result<void> check_allowed(const std::vector<SettingField>& fields);
@@ -48,9 +44,6 @@ Result<ConfigRecord> read_config(const std::filesystem::path& path, const std::v
 Error where_it_was_set(Error error, const ConfigRecord& record);
 
 // Text of config.yaml: version, inputs and every setting as it was in effect. read_config() reads it back.
-std::string effective_config(TrackSettings settings, const std::string& version);
-
-// The same for the settings of any subcommand.
 std::string effective_config(const std::vector<SettingField>& fields, const std::vector<std::string>& inputs,
                              const std::string& version);
 

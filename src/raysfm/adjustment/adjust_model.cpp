@@ -1,4 +1,4 @@
-#include "raysfm/api/adjust_model.h"
+#include "raysfm/adjustment/adjust_model.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <system_error>
 #include <vector>
 
-#include "raysfm/api/adjust.h"
+#include "raysfm/adjustment/adjust.h"
 #include "raysfm/bundle/bal_problem.h"
 #include "raysfm/geometry/rotation.h"
 #include "raysfm/results/output_folder.h"

@@ -6,7 +6,6 @@
 #include <variant>
 #include <vector>
 
-#include "raysfm/api/config.h"
 #include "raysfm/colmap_bal/bal_file.h"
 #include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/core/callbacks.h"
@@ -14,6 +13,7 @@
 #include "raysfm/optim/levenberg_marquardt.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
+#include "raysfm/settings/config.h"
 
 namespace raysfm {
 

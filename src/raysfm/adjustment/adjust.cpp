@@ -1,4 +1,4 @@
-#include "raysfm/api/adjust.h"
+#include "raysfm/adjustment/adjust.h"
 
 #include <fmt/format.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <system_error>
 
-#include "raysfm/api/adjust_model.h"
+#include "raysfm/adjustment/adjust_model.h"
 #include "raysfm/colmap_bal/model_reconstruction.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/thread_pool.h"
