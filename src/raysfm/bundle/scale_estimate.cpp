@@ -50,21 +50,42 @@ class Estimator {
   Estimator(const BundleProblem& problem, const BundleOptions& options)
       : problem_(problem), options_(options) {}
 
-  std::optional<ScaleEstimate> run() {
+  // False where no observation tells the scale.
+  bool run() {
     problem_.scale_prior = hold_present_scale(problem_, kRegularising);
-    if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return std::nullopt;
-    const double cost = core_.linearize();
+    if (problem_.scale_prior.pose < 0 || !core_.load(problem_, options_)) return false;
+    cost_ = core_.linearize();
     const OriginGradient held = log_distance(problem_), wanted = log_scale(problem_);
     set_gradient(held);
-    if (!core_.solve(0).valid) return std::nullopt;
+    if (!core_.solve(0).valid) return false;
     // Of the inverse of H + w p p^T to that of H, p the gradient of what is held (Sherman and Morrison).
     const double part = 1 - kRegularising * along(held);  // I / (I + w), I the information about what is held
-    if (!(part > kLeastPart)) return std::nullopt;
+    if (!(part > kLeastPart)) return false;
     set_gradient(wanted + held * (kRegularising * along(wanted) / part));
-    if (!core_.system().solve_again(0, core_.team()).valid) return std::nullopt;
-    const double variance = along(wanted);
-    if (!(variance > 0)) return std::nullopt;
-    return judge(cost, variance);
+    if (!core_.system().solve_again(0, core_.team()).valid) return false;
+    variance_ = along(wanted);
+    return variance_ > 0;
+  }
+
+  ScaleEstimate estimate(std::vector<Eigen::Vector2d>* by_residual) {
+    if (by_residual) by_residual->assign(problem_.observations.size(), Eigen::Vector2d::Zero());
+    std::vector<double> parts(problem_.points.size(), 0.0);
+    for_each_residual([&](int i, const Eigen::Vector2d& r, const Eigen::Vector2d& change) {
+      parts[problem_.observations[i].point] += r.dot(change);
+      if (by_residual) (*by_residual)[i] = change;
+    });
+    double step = 0, squares = 0;
+    for (const double part : parts) step += part, squares += part * part;
+    const int unknowns = 6 * core_.system().pose_count() + 3 * core_.system().point_count();
+    const double sigma2 = 2 * cost_ / std::max(1, 2 * core_.used() - unknowns);
+    const double independent = sigma2 * variance_;
+    const double sigma = std::sqrt(std::max(independent, squares));
+    // Of the scale's inverse, in which all is nearly linear, a part `step` is too much.
+    const double inverse = std::clamp(1 - step, 1 / kMostRatio, kMostInverse);
+    if (by_residual) {
+      for (Eigen::Vector2d& change : *by_residual) change /= inverse;
+    }
+    return {1 / inverse, sigma / inverse, std::max(1.0, squares / independent)};
   }
 
  private:
@@ -108,16 +129,16 @@ class Estimator {
     }
   }
 
-  // What each point's observations add to the step of the logarithm of the scale, by differences along the
-  // last solution, whose own step of it is `variance`.
-  std::vector<double> parts_of_step(double variance) {
+  // Each residual in use, and how the step of the logarithm of the scale changes with it: by differences
+  // along the last solution, whose own step of it is `variance_`.
+  template <typename Use>
+  void for_each_residual(Use use) {
     constexpr double kDifference = 1e-5;  // of the logarithm of the scale
-    const double h = kDifference / variance;
+    const double h = kDifference / variance_;
     std::vector<Rigid3> before, after;
     std::vector<Eigen::Vector3d> points_before, points_after;
     move(-h, &before, &points_before);
     move(h, &after, &points_after);
-    std::vector<double> parts(problem_.points.size(), 0.0);
     for (int i = 0; i < static_cast<int>(problem_.observations.size()); ++i) {
       if (!problem_.uses(i)) continue;
       const BundleObservation& o = problem_.observations[i];
@@ -127,26 +148,14 @@ class Estimator {
           !residual_of(problem_, i, after[o.pose], {}, points_after[o.point], &r_after)) {
         continue;
       }
-      parts[o.point] -= options_.loss.weight(r.squaredNorm()) * r.dot(r_after - r_before) / (2 * h);
+      use(i, r, (options_.loss.weight(r.squaredNorm()) / (2 * h)) * (r_before - r_after));
     }
-    return parts;
-  }
-
-  ScaleEstimate judge(double cost, double variance) {
-    double step = 0, squares = 0;
-    for (const double part : parts_of_step(variance)) step += part, squares += part * part;
-    const int unknowns = 6 * core_.system().pose_count() + 3 * core_.system().point_count();
-    const double sigma2 = 2 * cost / std::max(1, 2 * core_.used() - unknowns);
-    const double independent = sigma2 * variance;
-    const double sigma = std::sqrt(std::max(independent, squares));
-    // Of the scale's inverse, in which all is nearly linear, a part `step` is too much.
-    const double inverse = std::clamp(1 - step, 1 / kMostRatio, kMostInverse);
-    return {1 / inverse, sigma / inverse, std::max(1.0, squares / independent)};
   }
 
   BundleProblem problem_;
   BundleOptions options_;
   Core core_;
+  double cost_ = 0, variance_ = 0;
 };
 
 }  // namespace
@@ -165,10 +174,12 @@ ScalePrior hold_present_scale(const BundleProblem& problem, double weight) {
   return prior;
 }
 
-std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options) {
+std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options,
+                                            std::vector<Eigen::Vector2d>* by_residual) {
   if (!is_valid(problem, options) || !problem.lenses.empty() || problem.pose_is_free.empty())
     return std::nullopt;
-  return Estimator(problem, options).run();
+  Estimator estimator(problem, options);
+  return estimator.run() ? std::optional(estimator.estimate(by_residual)) : std::nullopt;
 }
 
 }  // namespace raysfm

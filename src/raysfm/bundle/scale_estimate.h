@@ -1,6 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
+#include <vector>
 
 #include "raysfm/bundle/bundle_problem.h"
 
@@ -25,6 +27,9 @@ ScalePrior hold_present_scale(const BundleProblem& problem, double weight);
 // problem.scale_prior is not looked at. The standard deviation is that of the normal equations with the
 // variance of the residuals, or of the gradient's parts by point where errors of one point's observations go
 // together, whichever is more. Nothing where no observation tells the scale, as with a central camera.
-std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options);
+// `by_residual`, where it is not null: how the logarithm of the scale of least cost changes with each
+// residual, by observation; zero of those that are not used.
+std::optional<ScaleEstimate> estimate_scale(const BundleProblem& problem, const BundleOptions& options,
+                                            std::vector<Eigen::Vector2d>* by_residual = nullptr);
 
 }  // namespace raysfm

@@ -644,12 +644,12 @@ void Mapper::adjust_hierarchically(Map* map) {
   release_scratch(*map);
 }
 
-void Mapper::measure_scale(ScaleEffort effort, Map* map) {
+void Mapper::measure_scale(ScaleEffort effort, Map* map, std::span<const Rig> deviations) {
   if (rig_.central()) return;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
-  raysfm::measure_scale(effort == ScaleEffort::kUntilSettled ? settling(kAdjustment) : kAdjustment, effort,
-                        window_problem(*map), adjuster_, map);
+  const BundleOptions options = effort == ScaleEffort::kUntilSettled ? settling(kAdjustment) : kAdjustment;
+  raysfm::measure_scale({options, effort, deviations}, rig_, window_problem(*map), adjuster_, map);
   scatter(0, map);
   release_scratch(*map);
 }

@@ -77,7 +77,8 @@ class Mapper {
   void adjust_thinned(Map* map);
 
   // Measures the scale of the map and its standard deviation, where rays have different origins.
-  void measure_scale(ScaleEffort effort, Map* map);
+  // `deviations`: how well the calibration is known, as of window_covariance(); empty: by heart.
+  void measure_scale(ScaleEffort effort, Map* map, std::span<const Rig> deviations = {});
 
   StageTiming keyframe_timing, adjust_timing;
 

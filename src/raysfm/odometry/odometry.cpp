@@ -708,9 +708,10 @@ void Odometry::finish_maps(bool final_adjustment) {
     if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(s, 0, whole_adaption(s));
     if (final_adjustment) adjust_finally(s);
   }
+  const std::vector<Rig> deviations = refiner_.deviations();
   for (int s = 0; s < worlds; ++s) {
     if (segments_[s].joined_into >= 0) continue;
-    find_scale(s);
+    find_scale(s, deviations);
     if (segments_[s].closed) adjust_to_noise(s);
   }
 }

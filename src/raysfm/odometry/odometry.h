@@ -300,7 +300,7 @@ class Odometry {
   Adaption adaption(int segment, bool last, bool leads_on) const;
   Adaption whole_adaption(int segment) const;
   void adapt(int segment, int first_keyframe, Adaption how);
-  void find_scale(int number);
+  void find_scale(int number, std::span<const Rig> deviations = {});
   void adjust_from(int segment, int first_keyframe, Adaption how);
   std::vector<Rigid3> poses_of(int segment) const;
   void carry_frames(int segment, const std::vector<Rigid3>& before);

@@ -91,12 +91,12 @@ Adaption Odometry::whole_adaption(int number) const {
   return s.closed ? Adaption::kUntilSettled : Adaption::kToTheEnd;
 }
 
-// Of a world that is another calibration's now.
-void Odometry::find_scale(int number) {
+// Of a world that is another calibration's now. `deviations`: how well that is known, where it counts.
+void Odometry::find_scale(int number, std::span<const Rig> deviations) {
   SegmentState& s = segments_[number];
   Map& map = s.map;
   const double rescaled = map.rescaled;
-  mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, &map);
+  mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, &map, deviations);
   rescale_frames(number, map.rescaled / rescaled);
 }
 

@@ -5,6 +5,7 @@
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/scale_estimate.h"
 #include "raysfm/bundle/scale_search.h"
+#include "raysfm/uncertainty/scale_uncertainty.h"
 
 namespace raysfm {
 namespace {
@@ -17,8 +18,9 @@ constexpr double kContradiction = 3;  // standard deviations of the inverse of t
 // light on them, shift a patch for as long as it is followed. The rendered films of docs/results/rig_scale.md
 // need about 1.2; the rest is for real ones.
 constexpr double kUnmodelled = 2;
-constexpr double kCalibration = 0.005;  // standard deviation of a scale as far as calibrations are right
-constexpr double kSettled = 0.25;       // of sigma: smaller steps are not worth taking
+// Standard deviation of a scale as far as calibrations are right: baselines, which no footage tells.
+constexpr double kCalibration = 0.005;
+constexpr double kSettled = 0.25;  // of sigma: smaller steps are not worth taking
 // Steps of the scale that need no adjustment of everything else. Where cameras are two decimetres apart, 1 %
 // moves what is ten metres away by a fifth of a thousandth of a radian.
 constexpr double kSmall = 0.01;
@@ -34,8 +36,11 @@ constexpr int kMostMeasured = 300;
 // Key frames above which a new scale does not wait for everything to be adjusted along with it.
 constexpr size_t kQuicklyMeasured = 40;
 
-double stated(double sigma) {
-  return std::hypot(kUnmodelled * sigma, kCalibration);
+// Infinite where the scale does not count as told. `by_calibration`: what the errors of what is known of the
+// calibration make of it.
+double stated(double sigma, double by_calibration) {
+  const double all = std::hypot(kUnmodelled * sigma, kCalibration, by_calibration);
+  return all < kTold ? all : INFINITY;
 }
 
 // Whether the observations contradict the present scale, though they do not tell a better one well: a guess
@@ -53,29 +58,34 @@ void hold_scale(const Map& map, std::span<const int> pose_of_keyframe, BundlePro
                           kHold};
 }
 
-void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProblem problem,
+void measure_scale(const ScaleMeasure& how, const TrackingRig& rig, BundleProblem problem,
                    BundleAdjuster& adjuster, Map* map) {
-  const std::optional<ScaleEstimate> found = estimate_scale(problem, options);
+  const bool is_by_heart = how.deviations.empty();
+  std::vector<Eigen::Vector2d> by_residual;
+  const std::optional<ScaleEstimate> found =
+      estimate_scale(problem, how.options, is_by_heart ? nullptr : &by_residual);
   map->scale_sigma = INFINITY;
   if (!found || !(found->sigma < kBetter || is_far_off(*found))) return;
-  if (stated(found->sigma) < kTold) map->scale_sigma = stated(found->sigma);
+  const double by_calibration =
+      is_by_heart ? 0 : scale_sigma_by_calibration(problem, by_residual, rig, how.deviations);
+  map->scale_sigma = stated(found->sigma, by_calibration);
   const double step = std::abs(std::log(found->ratio));
   if (step < kSettled * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
+  const bool is_quick = how.effort == ScaleEffort::kQuick;
   double ratio = found->ratio;
-  if (step < (effort == ScaleEffort::kQuick ? kLarge : kSmall)) {
+  if (step < (is_quick ? kLarge : kSmall)) {
     scale_world(ratio, center, problem.rig_from_world, problem.points);
   } else {
     const int last = static_cast<int>(problem.rig_from_world.size()) - 1;
     const double distance = (problem.rig_from_world[last].inverse().translation - center).norm();
     problem.scale_prior = {last, 0, distance, kHold};
-    BundleOptions steps = options;
-    if (effort == ScaleEffort::kQuick) steps.max_iterations = kQuickSteps;
-    const ScaleSearch searched = effort == ScaleEffort::kQuick
-                                     ? search_scale_thinned(adjuster, problem, steps, kQuickPoints)
-                                     : search_scale(adjuster, problem, steps);
+    BundleOptions steps = how.options;
+    if (is_quick) steps.max_iterations = kQuickSteps;
+    const ScaleSearch searched = is_quick ? search_scale_thinned(adjuster, problem, steps, kQuickPoints)
+                                          : search_scale(adjuster, problem, steps);
     ratio = searched.distance / distance;
-    map->scale_sigma = stated(searched.sigma) < kTold ? stated(searched.sigma) : INFINITY;
+    map->scale_sigma = stated(searched.sigma, by_calibration);
   }
   map->rescaled *= ratio;
   map->guessed_distance *= ratio;

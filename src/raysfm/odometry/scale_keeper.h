@@ -2,6 +2,7 @@
 
 #include "raysfm/bundle/bundle_adjuster.h"
 #include "raysfm/scene/map.h"
+#include "raysfm/views/tracking_rig.h"
 
 namespace raysfm {
 
@@ -23,10 +24,18 @@ enum class ScaleEffort : uint8_t {
 // How a map that grows is measured: a large one quickly.
 ScaleEffort effort_while_growing(const Map& map);
 
-// Measures the scale from a problem of the whole map: poses are all its key frames in order, the first of
-// which is not free. Where something tells the scale, poses and points of the problem go there;
+// What a scale is measured by.
+struct ScaleMeasure {
+  BundleOptions options = {};
+  ScaleEffort effort = ScaleEffort::kFull;
+  std::span<const Rig> deviations =
+      {};  // how well the calibration is known, as of window_covariance(); empty: by heart
+};
+
+// Measures the scale from a problem of the whole map of `rig`: poses are all its key frames in order, the
+// first of which is not free. Where something tells the scale, poses and points of the problem go there;
 // map->scale_sigma, `rescaled` and the guess are what changes of the map.
-void measure_scale(const BundleOptions& options, ScaleEffort effort, BundleProblem problem,
+void measure_scale(const ScaleMeasure& how, const TrackingRig& rig, BundleProblem problem,
                    BundleAdjuster& adjuster, Map* map);
 
 // Whether a map that grows is due for a measurement: one is worth an iteration of an adjustment of all of it,

@@ -67,6 +67,23 @@ TEST(ScaleKeeper, AGuessBecomesAMeasurement) {
   }
 }
 
+// A world is as much too wide as its rig is. Where a focal length may be off by a tenth nothing is left of
+// the scale.
+TEST(ScaleKeeper, AScaleIsKnownAsWellAsTheCalibration) {
+  const TrackingRig rig = back_to_back();
+  OdometryOptions options;
+  Mapper mapper(rig, options);
+  Rig wider = rig.rig(), longer = rig.rig();
+  for (Camera& camera : wider.cameras) camera.rig_from_cam.translation *= 1.01;
+  std::get<Radtan>(longer.cameras[0].model).fx *= 1.1;
+  std::get<Radtan>(longer.cameras[0].model).fy *= 1.1;
+  Map map = scaled_map(rig, 1, 1);
+  mapper.measure_scale(ScaleEffort::kFull, &map, std::vector<Rig>{wider});
+  EXPECT_NEAR(map.scale_sigma, std::hypot(0.005, std::log(1.01)), 1e-4);
+  mapper.measure_scale(ScaleEffort::kFull, &map, std::vector<Rig>{wider, longer});
+  EXPECT_FALSE(std::isfinite(map.scale_sigma));
+}
+
 // A quick measurement changes nothing but the scale, unless that is far off: then it is searched for by a
 // part of the points, and all of them arrive.
 TEST(ScaleKeeper, AQuickStepIsTakenAsItIs) {
