@@ -1,5 +1,6 @@
 """`raysfm track` as its users meet it: track_test.py PROGRAM [unittest arguments]."""
 import json
+import math
 import os
 import pathlib
 import re
@@ -293,6 +294,29 @@ cameras:
         self.assertEqual((report["right"]["warnings"], report["right"]["scale"]), ([], "metric"))
         self.assertIn("that should see it too do not", report["wrong"]["warnings"][0])
         self.assertEqual(report["wrong"]["scale"], "arbitrary")
+
+    def test_frames_follow_when_all_is_adjusted(self):
+        """Two cameras whose focal lengths are wrong: what that bent between key frames straightens with them."""
+        film, camera = self.folder / "film", self.folder / "camera.yaml"
+        recipe = pathlib.Path(__file__).resolve().parents[1] / "scripts" / "recipes" / "rig-scale-stereo.yaml"
+        done = run("synth", "--config", recipe, "--motion", "look", "--seed", 1, "--length", 3, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+        def steadiness(*flags):
+            out = self.folder / "out"
+            shutil.rmtree(out, ignore_errors=True)
+            done = run("track", film, "--out", out, "--quiet", "--final", "global", *flags)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            lines = [line for line in (out / "trajectory.txt").read_text().splitlines() if line[0] != "#"]
+            at = [[float(word) for word in line.split()[1:4]] for line in lines]
+            steps = sorted(math.dist(a, b) for a, b in zip(at, at[1:]))
+            bends = [math.dist([x + z for x, z in zip(a, c)], [2 * y for y in b]) for a, b, c in zip(at, at[1:], at[2:])]
+            return max(bends) / steps[len(steps) // 2]
+
+        text = re.sub(r"fx: ([\d.]+), fy: ([\d.]+)",
+                      lambda focal: f"fx: {0.98 * float(focal[1])}, fy: {0.98 * float(focal[2])}", (film / "camera.yaml").read_text())
+        camera.write_text(text)
+        self.assertLess(steadiness("--camera", camera), 1.3 * steadiness())
 
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""

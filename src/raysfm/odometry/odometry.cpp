@@ -432,6 +432,11 @@ void Odometry::rescale_frames(int segment, double factor) {
   for (FrameRecord& frame : frames_) {
     if (frame.segment == segment) scale_pose(factor, &frame);
   }
+  rescale_track(segment, factor);
+}
+
+// What is known beside frames of a map that has a new scale.
+void Odometry::rescale_track(int segment, double factor) {
   map_covariance_.rescale(segment, factor);
   if (!tracking() || segment != active_) return;
   previous_->pose.rig_from_world.translation *= factor;  // the world is the first key frame
@@ -717,11 +722,13 @@ void Odometry::finish_maps(bool final_adjustment) {
 }
 
 void Odometry::adjust_finally(int number) {
-  Map& map = segments_[number].map;
-  if (options_.final == FinalAdjustment::kGlobal) return mapper_.adjust_globally(&map);
-  std::vector<Rigid3> before;
-  for (const MapKeyFrame& k : map.keyframes) before.push_back(k.rig_from_world);
-  mapper_.adjust_hierarchically(&map);
+  Map* map = &segments_[number].map;
+  const std::vector<Rigid3> before = poses_of(number);
+  if (options_.final == FinalAdjustment::kGlobal) {
+    mapper_.adjust_globally(map);
+  } else {
+    mapper_.adjust_hierarchically(map);
+  }
   carry_frames(number, before);
 }
 

@@ -151,7 +151,7 @@ class Odometry {
     std::vector<KeyFrameView> views;
     StartSummary start;
     std::string end_reason = "end of input";
-    int calibration = 0;         // number of the one that all of its map was adjusted with
+    int calibration = 0;         // number of the one that it began with, or was last adapted to as a whole
     int looked_about = 0;        // key frames before it are places, or will never be
     int newest_place = -1;       // key frame that was looked about from last
     int newest_meeting = -1000;  // key frame that saw a place again
@@ -295,6 +295,7 @@ class Odometry {
   void settle_behind(int keyframe, double rescaled);
   static void scale_pose(double factor, FrameRecord* frame);
   void rescale_frames(int segment, double factor);
+  void rescale_track(int segment, double factor);
   void refine_calibration(int segment, bool last);
   bool take_calibration(int segment, const Rig& better, bool last);
   Adaption adaption(int segment, bool last, bool leads_on) const;

@@ -68,7 +68,10 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool moves = all && refiner_.has_found_shutter();
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
   const bool leads_on = is_far || moves || (all && !rig_.central());
-  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), adaption(number, last, leads_on));
+  const Adaption how = adaption(number, last, leads_on);
+  adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
+  // Rounds that lead on to another one leave the weakest directions to finish_maps().
+  if (last && how != Adaption::kTwoSeriesThinned) segments_[number].calibration = calibration_;
   if (all) find_scale(number);
   if (moves) pose_frames_again(number);
   return leads_on;
@@ -96,8 +99,10 @@ void Odometry::find_scale(int number, std::span<const Rig> deviations) {
   SegmentState& s = segments_[number];
   Map& map = s.map;
   const double rescaled = map.rescaled;
+  const std::vector<Rigid3> before = poses_of(number);
   mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, &map, deviations);
-  rescale_frames(number, map.rescaled / rescaled);
+  carry_frames(number, before);  // another scale may bend a map
+  rescale_track(number, map.rescaled / rescaled);
 }
 
 std::optional<SeenZoom> Odometry::lens_change() {
@@ -117,8 +122,6 @@ void Odometry::adapt(int number, int first_keyframe, Adaption how) {
   correct_scans(number, first_keyframe);
   adjust_from(number, first_keyframe, how);
   for (size_t k = 0; k < s.views.size(); ++k) renew_rays(rig_, s.map.keyframes[k], &s.views[k]);
-  // Rounds that lead on to another one leave the weakest directions to finish_maps().
-  if (first_keyframe == 0 && how != Adaption::kTwoSeriesThinned) s.calibration = calibration_;
 }
 
 // The key frames of a world from one on, and what hangs on them.
