@@ -96,6 +96,7 @@ Adaption Odometry::whole_adaption(int number) const {
 
 // Of a world that is another calibration's now. `deviations`: how well that is known, where it counts.
 void Odometry::find_scale(int number, std::span<const Rig> deviations) {
+  if (rig_.central()) return;  // nothing tells it
   SegmentState& s = segments_[number];
   Map& map = s.map;
   const double rescaled = map.rescaled;

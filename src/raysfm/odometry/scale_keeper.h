@@ -28,8 +28,8 @@ ScaleEffort effort_while_growing(const Map& map);
 struct ScaleMeasure {
   BundleOptions options = {};
   ScaleEffort effort = ScaleEffort::kFull;
-  std::span<const Rig> deviations =
-      {};  // how well the calibration is known, as of window_covariance(); empty: by heart
+  // How well the calibration is known, as of window_covariance(); empty: by heart.
+  std::span<const Rig> deviations = {};
 };
 
 // Measures the scale from a problem of the whole map of `rig`: poses are all its key frames in order, the
