@@ -11,8 +11,9 @@ namespace raysfm {
 namespace {
 
 // What may have drifted on a path: a part of its length, radians, and the logarithm of the scale with every
-// key frame.
-constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.003;
+// key frame. Where few points go round a corner the scale changes by up to a half: five such corners of a
+// corridor that a phone was carried through left a fifth of it, 8e-3 with each key frame.
+constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.01;
 // Of the length of the path: what it usually drifts by at most.
 constexpr double kUsualDrift = 0.02;
 // Pixels of the octave, half of all points: a map that disagrees with itself by less is not bent, the points
@@ -113,11 +114,13 @@ SeenAndShared seen_and_shared(const Map& map, int keyframe, int other) {
 
 bool is_plausible(const Meeting& meeting, const Map& map) {
   const Rigid3 drift = drift_of(meeting, map);
-  const double scale_drift =
+  const double log_scale = std::abs(std::log(meeting.relation.there_from_here.scale));
+  const double most_log_scale =
       kLeastScaleDrift + kScaleDrift * (meeting.here.keyframe - meeting.there.keyframe);
-  return drift.translation.norm() < kMostDrift * path_between(meeting, map) &&
-         log_so3(drift.rotation).norm() < kMostTurn &&
-         std::abs(std::log(meeting.relation.there_from_here.scale)) < scale_drift;
+  // A path whose scale changed on its way is too short or too long by as much.
+  const double most_drift = kMostDrift + 1 - std::exp(-log_scale);
+  return drift.translation.norm() < most_drift * path_between(meeting, map) &&
+         log_so3(drift.rotation).norm() < kMostTurn && log_scale < most_log_scale;
 }
 
 bool is_usual(const Meeting& meeting, const Map& map) {

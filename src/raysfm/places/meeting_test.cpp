@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "raysfm/geometry/rotation.h"
 #include "raysfm/places/place_memory.h"
 #include "support/true_map.h"
@@ -66,6 +68,20 @@ TEST(Loops, AreUsualUpToAFiftiethOfTheirLength) {
   const Meeting far = loop_that_drifted(1.1, &map);
   EXPECT_FALSE(is_usual(far, map));
   EXPECT_TRUE(is_plausible(far, map));
+}
+
+// A path of which a half has another scale is as much too short; its scale may change by a hundredth with
+// each key frame and a tenth besides.
+TEST(Loops, MayHaveDriftedAsFarAsTheirScaleTells) {
+  Map map;
+  Meeting far = loop_that_drifted(20, &map);
+  EXPECT_FALSE(is_plausible(far, map));
+  for (const double log_scale : {-0.55, 0.55}) {
+    far.relation.there_from_here.scale = std::exp(log_scale);
+    EXPECT_TRUE(is_plausible(far, map));
+  }
+  far.relation.there_from_here.scale = std::exp(-0.65);
+  EXPECT_FALSE(is_plausible(far, map));
 }
 
 // Meetings of a key frame, as told one after another.
