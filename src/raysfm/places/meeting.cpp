@@ -11,7 +11,7 @@ namespace raysfm {
 namespace {
 
 // What may have drifted on a path: a part of its length, radians, and the logarithm of the scale with every
-// key frame. Where few points go round a corner the scale changes by up to a half: five such corners of a
+// key frame. Where few points go round a corner the scale changes by up to a half: four such corners of a
 // corridor that a phone was carried through left a fifth of it, 8e-3 with each key frame.
 constexpr double kMostDrift = 0.2, kMostTurn = 0.5, kLeastScaleDrift = 0.1, kScaleDrift = 0.01;
 // Of the length of the path: what it usually drifts by at most.
