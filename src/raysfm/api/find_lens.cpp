@@ -12,11 +12,9 @@
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/stretch.h"
 #include "raysfm/core/thread_pool.h"
-#include "raysfm/features/octaves.h"
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
-#include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {

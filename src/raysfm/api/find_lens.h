@@ -8,8 +8,6 @@
 #include "raysfm/calibration/rig_parameters.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/uncalibrated/reconstruct.h"
-#include "raysfm/views/tracking_rig.h"
-#include "raysfm/views/view_maker.h"
 
 namespace raysfm {
 

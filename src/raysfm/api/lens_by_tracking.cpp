@@ -5,14 +5,10 @@
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "raysfm/api/find_lens.h"
-#include "raysfm/api/track_zoom.h"
-#include "raysfm/calibration/rig_parameters.h"
-#include "raysfm/scene/frame_lens.h"
 #include "raysfm/scene/worlds.h"
 
 namespace raysfm {
