@@ -722,22 +722,19 @@ void Odometry::finish_maps(bool final_adjustment) {
 }
 
 void Odometry::adjust_finally(int number) {
-  Map* map = &segments_[number].map;
-  const std::vector<Rigid3> before = poses_of(number);
-  if (options_.final == FinalAdjustment::kGlobal) {
-    mapper_.adjust_globally(map);
-  } else {
-    mapper_.adjust_hierarchically(map);
-  }
-  carry_frames(number, before);
+  adjust(number, [&](Map* map) {
+    if (options_.final == FinalAdjustment::kGlobal) {
+      mapper_.adjust_globally(map);
+    } else {
+      mapper_.adjust_hierarchically(map);
+    }
+  });
 }
 
 // A map that is held together no longer follows its weak directions, and what is left of its error comes from
 // matches that are wrong by less than an inlier may be.
 void Odometry::adjust_to_noise(int number) {
-  const std::vector<Rigid3> before = poses_of(number);
-  mapper_.adjust_to_noise(&segments_[number].map);
-  carry_frames(number, before);
+  adjust(number, [&](Map* map) { mapper_.adjust_to_noise(map); });
 }
 
 // What only more views would need. To give memory back and to take it anew is dear: a map of no more key

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -303,7 +304,7 @@ class Odometry {
   void adapt(int segment, int first_keyframe, Adaption how);
   void find_scale(int number, std::span<const Rig> deviations = {});
   void adjust_from(int segment, int first_keyframe, Adaption how);
-  std::vector<Rigid3> poses_of(int segment) const;
+  void adjust(int segment, const std::function<void(Map*)>& move_keyframes);
   void carry_frames(int segment, const std::vector<Rigid3>& before);
   void accept(const ViewPtr& view, Localisation pose);
   void set_anchor(int keyframe);

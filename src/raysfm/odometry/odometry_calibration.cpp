@@ -98,12 +98,12 @@ Adaption Odometry::whole_adaption(int number) const {
 void Odometry::find_scale(int number, std::span<const Rig> deviations) {
   if (rig_.central()) return;  // nothing tells it
   SegmentState& s = segments_[number];
-  Map& map = s.map;
-  const double rescaled = map.rescaled;
-  const std::vector<Rigid3> before = poses_of(number);
-  mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, &map, deviations);
-  carry_frames(number, before);  // another scale may bend a map
-  rescale_track(number, map.rescaled / rescaled);
+  const double rescaled = s.map.rescaled;
+  // Another scale may bend a map.
+  adjust(number, [&](Map* map) {
+    mapper_.measure_scale(s.closed ? ScaleEffort::kUntilSettled : ScaleEffort::kFull, map, deviations);
+  });
+  rescale_track(number, s.map.rescaled / rescaled);
 }
 
 std::optional<SeenZoom> Odometry::lens_change() {
@@ -127,15 +127,16 @@ void Odometry::adapt(int number, int first_keyframe, Adaption how) {
 
 // The key frames of a world from one on, and what hangs on them.
 void Odometry::adjust_from(int number, int first_keyframe, Adaption how) {
-  const std::vector<Rigid3> before = poses_of(number);
-  mapper_.adapt_to_cameras(first_keyframe, how, &segments_[number].map);
-  carry_frames(number, before);
+  adjust(number, [&](Map* map) { mapper_.adapt_to_cameras(first_keyframe, how, map); });
 }
 
-std::vector<Rigid3> Odometry::poses_of(int number) const {
-  std::vector<Rigid3> poses;
-  for (const MapKeyFrame& k : segments_[number].map.keyframes) poses.push_back(k.rig_from_world);
-  return poses;
+// Moves key frames of a world, none of which come or go, and with them the frames that hang on them.
+void Odometry::adjust(int number, const std::function<void(Map*)>& move_keyframes) {
+  Map& map = segments_[number].map;
+  std::vector<Rigid3> before;
+  for (const MapKeyFrame& k : map.keyframes) before.push_back(k.rig_from_world);
+  move_keyframes(&map);
+  carry_frames(number, before);
 }
 
 // Between two key frames, frames follow the change of their relative pose by the part of the way that they

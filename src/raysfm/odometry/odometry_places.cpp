@@ -197,9 +197,7 @@ void Odometry::close(const Meeting& meeting) {
                         moved.translation.norm() / median_distance(here, map)};
   const bool bent = is_bent(meeting, rig_, map);
   if (bent) {
-    const std::vector<Rigid3> before = poses_of(active_);
-    straighten(meeting, rig_, &map);
-    carry_frames(active_, before);
+    adjust(active_, [&](Map* bent_map) { straighten(meeting, rig_, bent_map); });
   }
   const bool straight = !bent || is_straight(meeting, rig_, map);
   fuse(meeting.relation.points);
@@ -263,9 +261,7 @@ void Odometry::adjust_all() {
   if (segment().map.keyframes.size() <= kLargeMap) {
     adjust_from(active_, 0, Adaption::kTwoSeries);
   } else {
-    const std::vector<Rigid3> before = poses_of(active_);
-    mapper_.adjust_thinned(&segment().map);
-    carry_frames(active_, before);
+    adjust(active_, [&](Map* map) { mapper_.adjust_thinned(map); });
   }
   all_has_moved();
 }
