@@ -318,6 +318,20 @@ cameras:
         camera.write_text(text)
         self.assertLess(steadiness("--camera", camera), 1.3 * steadiness())
 
+    def test_a_quick_turn_that_ends(self):
+        """Its blur draws corners out to streaks, whose ends draw in as the turn slows down: no start is made of that."""
+        film, camera = self.folder / "film", self.folder / "turn.yaml"
+        camera.write_text("raysfm_camera: 1\ncameras:\n  - name: camera\n    model: radtan\n    resolution: [640, 360]\n"
+                          "    intrinsics: {fx: 492.5, fy: 492.5, cx: 322, cy: 176, k1: 0.06, k2: -0.12, p1: 0, p2: 0}\n")
+        done = run("synth", "corridor", "--camera", camera, "--motion", "loop", "--length", 40, "--rounds", 0.0417,
+                   "--frames", 40, "--fps", 30, "--blur", 0.012, "--noise", 2, "--samples", 1, "--seed", 3, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = run("track", film, "--camera", camera, "--out", self.folder / "out", "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        judged = json.loads(run("eval", self.folder / "out", film / "truth.txt", "--json").stdout)
+        self.assertLess(judged["ate"]["rmse"], 0.02)
+        self.assertGreater(judged["coverage"], 0.8)
+
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""
         sequence = self.folder / "sequence"

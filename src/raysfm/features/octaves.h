@@ -28,7 +28,8 @@ class Octaves {
  public:
   Octaves() = default;
   // Keeps `image` where octave 0 is needed. The first octave is the finest of at most `max_pixels` pixels in
-  // which edges are no wider than kSoftEdge (sharpness.h). Noise is subdued first (image/noise.h).
+  // which edges are no wider than kSoftEdge, and along a motion than kMotionBlur (sharpness.h). Noise is
+  // subdued first (image/noise.h).
   Octaves(GrayImage image, int max_pixels);
 
   // A copy without the finest octaves, but never without any.
@@ -36,9 +37,13 @@ class Octaves {
   // What the pictures take.
   size_t bytes() const;
 
-  // edge_width() of the first octave that there was at the beginning, in its pixels; 0 where nothing tells
-  // it.
+  // Mean width of edges in the first octave that there was at the beginning, in its pixels; 0 where nothing
+  // tells it.
   float softness() const { return softness_; }
+  // To what width, at least, the camera's motion drew edges out in the first octave: 0.4 of how far they
+  // moved during the exposure, less where noise hides it. Pixels of the image as taken; 0 where nothing tells
+  // it.
+  float motion_blur() const { return motion_blur_; }
 
   int first() const { return first_; }
   int last() const { return first_ + static_cast<int>(images_.size()) - 1; }
@@ -50,6 +55,7 @@ class Octaves {
  private:
   int first_ = 0;
   float softness_ = 0;
+  float motion_blur_ = 0;
   std::vector<GrayImage> images_;
 };
 

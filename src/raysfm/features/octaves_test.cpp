@@ -82,6 +82,21 @@ TEST(Octaves, LeaveOutWhatABlurTook) {
   }
 }
 
+// A long streak is not sharp along itself, however sharp it is across.
+TEST(Octaves, LeaveOutWhatAMotionDrewOut) {
+  GrayImage sharp = soft_board(1280, 960, 0.6);
+  for (const auto& [length, first] : {std::pair(3, 0), {6, 0}, {20, 2}}) {
+    for (const cv::Size motion : {cv::Size(length, 1), cv::Size(1, length)}) {
+      GrayImage blurred(1280, 960);
+      cv::Mat target = header(blurred);
+      cv::blur(header(sharp), target, motion);
+      const Octaves octaves(std::move(blurred), kAnySize);
+      EXPECT_EQ(octaves.first(), first) << motion;
+      EXPECT_NEAR(octaves.motion_blur(), 0.4 * length, 0.25 * 0.4 * length + 0.5) << motion;
+    }
+  }
+}
+
 // One pixel of blur, whatever the noise; less noise is left as it is.
 TEST(Octaves, AreThoseOfABlurredImageWhereItIsNoisy) {
   for (const auto& [noise, blurred] : {std::pair(0.5, false), {6.0, true}, {12.0, true}}) {

@@ -85,7 +85,7 @@ class EdgeRuns {
 };
 
 // `lines` is a copy, which no store can change, so that the addresses need not be read again.
-void edge_widths(const EdgeLines lines, std::vector<float>* widths) {
+void collect_widths(const EdgeLines lines, std::vector<float>* widths) {
   // Gathered some steps at a time: a vector that is read right after its bytes were written waits for them.
   constexpr int kAtOnce = 8;
   uint8_t next[kAtOnce][kEdgeLanes] = {};
@@ -113,7 +113,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace raysfm {
 
-HWY_EXPORT(edge_widths);
+HWY_EXPORT(collect_widths);
 
 namespace {
 
@@ -127,18 +127,16 @@ float quantile(std::vector<float>* values) {
 
 }  // namespace
 
-float edge_width(const GrayView& image) {
+EdgeWidths edge_widths(const GrayView& image) {
   EdgeLines rows{{}, image.width, 1}, columns{{}, image.height, image.stride};
   for (int k = 0; k < kEdgeLines; ++k) {
     rows.first[k] = image.row((2 * k + 1) * image.height / (2 * kEdgeLines));
     columns.first[k] = image.data + (2 * k + 1) * image.width / (2 * kEdgeLines);
   }
   std::vector<float> across, down;
-  HWY_DYNAMIC_DISPATCH(edge_widths)(rows, &across);
-  HWY_DYNAMIC_DISPATCH(edge_widths)(columns, &down);
-  const float u = quantile(&across), v = quantile(&down);
-  // A picture of stripes tells one direction only.
-  return u > 0 && v > 0 ? std::sqrt(u * v) : std::max(u, v);
+  HWY_DYNAMIC_DISPATCH(collect_widths)(rows, &across);
+  HWY_DYNAMIC_DISPATCH(collect_widths)(columns, &down);
+  return {quantile(&across), quantile(&down)};
 }
 
 }  // namespace raysfm

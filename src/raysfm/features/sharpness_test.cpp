@@ -53,6 +53,27 @@ TEST(EdgeWidth, GrowsWithAnEnlargementAndABlur) {
   }
 }
 
+// A step that a motion by L pixels drew out rises by its height / L a pixel.
+TEST(EdgeWidth, GrowsAlongAMotionAlone) {
+  constexpr double kSigma = 0.7;
+  GrayImage sharp = soft_board(960, 720, kSigma);
+  for (const int length : {5, 9, 15}) {
+    const float expected = 0.4f * static_cast<float>(length);
+    GrayImage blurred(960, 720);
+    cv::Mat target = header(blurred);
+    cv::blur(header(sharp), target, {length, 1});
+    const EdgeWidths across = edge_widths(blurred);
+    EXPECT_NEAR(across.along_rows, expected, 0.15 * expected) << length;
+    EXPECT_LT(across.along_columns, 1.3 * kSigma) << length;  // the board is turned a little
+    EXPECT_EQ(across.wider(), across.along_rows);
+    cv::blur(header(sharp), target, {1, length});
+    const EdgeWidths down = edge_widths(blurred);
+    EXPECT_NEAR(down.along_columns, expected, 0.15 * expected) << length;
+    EXPECT_LT(down.along_rows, 1.3 * kSigma) << length;
+    EXPECT_EQ(down.wider(), down.along_columns);
+  }
+}
+
 TEST(EdgeWidth, HardlyDependsOnTheSizeOfTheImageOrItsNoise) {
   for (const double sigma : {0.8, 1.5, 2.5}) {
     for (const auto& [width, height] : {std::pair(240, 180), std::pair(1000, 500), std::pair(1920, 1080)}) {

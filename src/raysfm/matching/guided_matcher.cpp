@@ -76,8 +76,16 @@ bool predict_patch(const TrackingRig& rig, const KeyFrameView& keyframe, int fea
   const int octave = keyframe.octaves[feature];
   const int wanted = octave + static_cast<int>(std::floor(0.5 * std::log2(area) + kRatherFiner));
   query->octave = view.clamp_octave(wanted);
-  const double in_octaves = std::ldexp(area, 2 * (octave - query->octave));
-  if (!(in_octaves > 1.0 / kMaxAreaRatio && in_octaves < kMaxAreaRatio)) return false;
+  double in_octaves = std::ldexp(area, 2 * (octave - query->octave));
+  const int softer = view.octaves->first() - keyframe.camera_view(feature).octaves->first();
+  // What was found in a softer picture is too large for a corner of this one, but can be aligned.
+  if (softer < 0 && in_octaves >= kMaxAreaRatio) {
+    query->octave = std::min(view.octaves->clamp(wanted), query->octave - softer);
+    in_octaves = std::ldexp(area, 2 * (octave - query->octave));
+  }
+  // And in a softer one it is compared in the octaves that are left.
+  const double least = std::ldexp(1.0 / kMaxAreaRatio, -2 * std::max(0, softer));
+  if (!(in_octaves > least && in_octaves < kMaxAreaRatio)) return false;
   query->camera = target;
   query->predicted = seen.pixel.cast<float>();
   const Eigen::Matrix2d patch_from_target = target_from_patch.inverse();

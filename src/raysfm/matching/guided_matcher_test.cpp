@@ -8,6 +8,7 @@
 
 #include "support/model_fixtures.h"
 #include "support/panel_world.h"
+#include "support/soft_edges.h"
 
 namespace raysfm {
 namespace {
@@ -20,11 +21,15 @@ Camera test_camera() {
   return camera;
 }
 
-KeyFrameView one_feature(const TrackingRig& rig, const Eigen::Vector2f& pixel) {
-  const ViewPtr view = testing_support::as_view(testing_support::flat_image(640, 480, 128), 0);
+// In the first octave of an image.
+KeyFrameView one_feature(const TrackingRig& rig, const Eigen::Vector2f& pixel, GrayImage image) {
+  const ViewPtr view = testing_support::as_view(std::move(image), 0);
   MapKeyFrame keyframe;
-  keyframe.add(0, pixel, 0, 0);
+  keyframe.add(0, pixel, view->cameras[0].octaves->first(), 0);
   return make_keyframe_view(view, keyframe, rig);
+}
+KeyFrameView one_feature(const TrackingRig& rig, const Eigen::Vector2f& pixel) {
+  return one_feature(rig, pixel, testing_support::flat_image(640, 480, 128));
 }
 
 // The patch's deformation must be the derivative of the map pixel -> point on the sphere -> other pixel.
@@ -124,6 +129,30 @@ TEST(PredictPatch, RefusesWhatTheTargetDoesNotSee) {
   EXPECT_FALSE(seen_after({exp_so3({0, 1.2, 0}), {0, 0, 0}}));
   EXPECT_TRUE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -3.5}}));
   EXPECT_FALSE(seen_after({Eigen::Quaterniond::Identity(), {0, 0, -4.1}}));
+}
+
+// A blur that comes and goes leaves no octave in which both have features. How large patches are is compared
+// in octaves that both have.
+TEST(PredictPatch, ComparesASharpPictureWithASoftOne) {
+  const TrackingRig rig(Rig{{test_camera()}});
+  const Eigen::Vector2f pixel(320, 240);
+  const KeyFrameView sharp = one_feature(rig, pixel),
+                     soft = one_feature(rig, pixel, testing_support::soft_stripes(640, 480, 45, 8));
+  ASSERT_EQ(sharp.octaves[0], 0);
+  ASSERT_EQ(soft.octaves[0], 3);
+  PatchQuery query;
+  ASSERT_TRUE(predict_patch(rig, sharp, 0, 5.0, 0, Rigid3{}, soft.camera_view(0), &query));
+  EXPECT_EQ(query.octave, 3);
+  EXPECT_LT((query.keyframe_from_target - 8 * Eigen::Matrix2f::Identity()).norm(), 1e-4);
+  ASSERT_TRUE(predict_patch(rig, soft, 0, 5.0, 0, Rigid3{}, sharp.camera_view(0), &query));
+  EXPECT_EQ(query.octave, 3) << "to be aligned: corners are looked for in the first two";
+  EXPECT_LT((query.keyframe_from_target - 8 * Eigen::Matrix2f::Identity()).norm(), 1e-4);
+  // Not at any distance: three times as far from where it was seen, or as near.
+  const auto along = [](double z) { return Rigid3{Eigen::Quaterniond::Identity(), {0, 0, z}}; };
+  EXPECT_TRUE(predict_patch(rig, sharp, 0, 5.0, 0, along(5), soft.camera_view(0), &query));
+  EXPECT_FALSE(predict_patch(rig, sharp, 0, 5.0, 0, along(10), soft.camera_view(0), &query));
+  EXPECT_TRUE(predict_patch(rig, soft, 0, 5.0, 0, along(-2.5), sharp.camera_view(0), &query));
+  EXPECT_FALSE(predict_patch(rig, soft, 0, 5.0, 0, along(-3.5), sharp.camera_view(0), &query));
 }
 
 }  // namespace

@@ -92,6 +92,7 @@ class Starter {
   bool is_worth_a_try(int current);
   int kept_near(int view) const;
   int sharpest_until(int view, int after) const;
+  bool blur_changes(const std::array<int, 3>& views) const;
   void release_views();
   void release_coarse();
   void release(int view, int same_as);
