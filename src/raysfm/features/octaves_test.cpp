@@ -82,17 +82,23 @@ TEST(Octaves, LeaveOutWhatABlurTook) {
   }
 }
 
-// A long streak is not sharp along itself, however sharp it is across.
+// A long streak is not sharp along itself, however sharp it is across, and though noise breaks it in the
+// octave where it is longest.
 TEST(Octaves, LeaveOutWhatAMotionDrewOut) {
   GrayImage sharp = soft_board(1280, 960, 0.6);
-  for (const auto& [length, first] : {std::pair(3, 0), {6, 0}, {20, 2}}) {
+  for (const auto& [length, first] : {std::pair(3, 0), {6, 0}, {12, 1}, {16, 1}, {20, 1}}) {
     for (const cv::Size motion : {cv::Size(length, 1), cv::Size(1, length)}) {
       GrayImage blurred(1280, 960);
       cv::Mat target = header(blurred);
       cv::blur(header(sharp), target, motion);
+      Rng rng(5);
+      for (int y = 0; y < blurred.height(); ++y) {
+        for (int x = 0; x < blurred.width(); ++x)
+          blurred.row(y)[x] = testing_support::to_grey(blurred.row(y)[x] + 3 * rng.normal());
+      }
       const Octaves octaves(std::move(blurred), kAnySize);
       EXPECT_EQ(octaves.first(), first) << motion;
-      EXPECT_NEAR(octaves.motion_blur(), 0.4 * length, 0.25 * 0.4 * length + 0.5) << motion;
+      EXPECT_NEAR(octaves.motion_blur(), 0.4 * length, 0.15 * 0.4 * length + 0.2) << motion;
     }
   }
 }
