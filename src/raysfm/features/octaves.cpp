@@ -23,16 +23,17 @@ constexpr int kMinSide = 48;  // pixels
 
 Octaves::Octaves(GrayImage image, int max_pixels) {
   const auto has_half = [](const GrayImage& i) { return std::min(i.width(), i.height()) >= 2 * kMinSide; };
-  const auto halve = [&] {
-    GrayImage half;
-    half_sample(image.view(), &half);
-    image = std::move(half);
+  GrayImage half;
+  const auto go_on_with_half = [&] {
+    image = std::exchange(half, GrayImage{});
     ++first_;
   };
-  while (has_half(image) && int64_t{image.width()} * image.height() > max_pixels) halve();
+  while (has_half(image) && int64_t{image.width()} * image.height() > max_pixels) {
+    half_sample(image.view(), &half);
+    go_on_with_half();
+  }
   subdue_noise(&image);
   EdgeWidths widths = edge_widths(image.view());
-  GrayImage half;
   while (has_half(image)) {
     half_sample(image.view(), &half);
     const EdgeWidths of_half = edge_widths(half.view());
@@ -40,9 +41,8 @@ Octaves::Octaves(GrayImage image, int max_pixels) {
     const float drawn_out = 2 * of_half.wider();
     motion_blur_ = drawn_out * octave_side(first_);
     if (widths.mean() <= kSoftEdge && drawn_out <= kMotionBlur) break;
-    image = std::exchange(half, GrayImage{});
+    go_on_with_half();
     widths = of_half;
-    ++first_;
   }
   softness_ = widths.mean();
   images_.push_back(std::move(image));
