@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "raysfm/api/find_lens.h"
@@ -16,10 +17,12 @@
 #include "raysfm/core/timer.h"
 #include "raysfm/photos/photo_lenses.h"
 #include "raysfm/photos/photo_pairs.h"
+#include "raysfm/ray_lenses/photos_of_one_lens.h"
 #include "raysfm/ray_lenses/ray_reconstruction.h"
 #include "raysfm/results/tracks_file.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/known_structure.h"
+#include "raysfm/uncalibrated/lens_choice.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -100,8 +103,10 @@ Result<UncalibratedReconstruction> reconstruct_with(const SolveInput& input, con
   if (photos) options.errors = ErrorRelation::kWithinImages;
   const bool many = photos && input.tracks.image_count > kMostInAllPairs;
   if (photos) options.lens_of_image = input.lens_of_image;
-  if (compared && !many) return reconstruct(input.tracks, options);
-  VideoOptions video{.in_order = !many, .start = start, .progress = {}, .stop = callbacks.stop};
+  const bool goes_on = start && !input.in_order;
+  if (compared && !many && !goes_on) return reconstruct(input.tracks, options);
+  if (goes_on) options.lens = start->zooming ? LensChange::kZoom : LensChange::kFixed;
+  VideoOptions video{.in_order = !many && !goes_on, .start = start, .progress = {}, .stop = callbacks.stop};
   if (callbacks.progress) {
     video.progress = [&](int posed, int keyframes) { callbacks.progress("key frame", posed, keyframes); };
   }
@@ -191,19 +196,132 @@ bool is_incomplete(const SolveInput& input, const UncalibratedReconstruction& fo
   return left_out > kMostLeftOut * keyframes;
 }
 
-// The same, and where that leaves key frames of a video out again with what joins its stretches. `input`
-// becomes what the reconstruction is of.
-Result<UncalibratedReconstruction> reconstruct_stretches(SolveInput* input, const SolveSettings& settings,
-                                                         const SolveCallbacks& callbacks) {
-  Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
-  std::optional<JoinedStretches> joined =
-      joined_stretches(*input, found ? &*found : nullptr, settings, callbacks);
-  if (!joined) return found;
+int agreeing(const UncalibratedReconstruction& found) {
+  return static_cast<int>(std::ranges::count(found.inlier, 1));
+}
+
+// What agrees with a reconstruction of photos.
+void mark_inliers(const PointTracks& tracks, double max_error, UncalibratedReconstruction* found) {
+  found->inlier.assign(tracks.size(), 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!found->image_posed[tracks.image[k]] || !found->point_placed[tracks.point[k]]) continue;
+    found->inlier[k] = pixel_residual(tracks, found->scene, found->radial, k).norm() < max_error;
+  }
+}
+
+// What was found along the rays of one perspective lens.
+UncalibratedReconstruction start_from(const RayReconstruction& rays, const PointTracks& tracks,
+                                      double max_error) {
+  const Radtan& model = std::get<Radtan>(rays.camera.model);
+  const Lens lens{model.fx, model.fy, model.cx, model.cy, 0};
+  UncalibratedReconstruction start;
+  start.scene.cam_from_world = rays.cam_from_world;
+  start.scene.points = rays.points;
+  start.scene.lenses.assign(tracks.image_count, lens);
+  start.radial = {model.k1, model.k2};
+  start.image_posed = rays.image_posed;
+  start.point_placed = rays.point_placed;
+  start.lens_sigma.assign(tracks.image_count, LensVector::Constant(std::numeric_limits<double>::infinity()));
+  std::copy_n(rays.start_images.begin(), 2, start.start_images);
+  start.start_inliers = rays.start_inliers;
+  mark_inliers(tracks, max_error, &start);
+  return start;
+}
+
+// Whether photos have no good reconstruction with one lens.
+bool may_have_one_lens(const SolveInput& input, const SolveSettings& settings,
+                       const Result<UncalibratedReconstruction>& found) {
+  if (!input.photo_points.features || settings.lens == "zoom") return false;
+  return !found || found->zooming || found->posed_count() < std::ssize(input.names);
+}
+
+// Photos again, from guesses of one lens, where no fewer have a pose with it. A lens for each photo explains
+// false matches too.
+void reconsider_one_lens(SolveInput* input, const SolveSettings& settings, const SolveCallbacks& callbacks,
+                         Result<UncalibratedReconstruction>* found) {
+  if (!may_have_one_lens(*input, settings, *found) || callbacks.stopped()) return;
+  const RayOptions options{.max_error_px = settings.max_error,
+                           .in_order = false,
+                           .seed = settings.seed,
+                           .threads = thread_count(settings.threads),
+                           .stopped = [&callbacks] { return callbacks.stopped(); }};
+  const ExifLens* said = lens_to_use(&input->exif);
+  const RayReconstruction rays = reconstruct_photos_of_one_lens(input->tracks, said ? said->focal_px : 0,
+                                                                *found ? agreeing(**found) : 0, options);
+  if (rays.posed == 0 || callbacks.stopped()) return;
+  const UncalibratedReconstruction start = start_from(rays, input->tracks, settings.max_error);
+  Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks, &start);
+  const double before = reached_share(*found), now = reached_share(other);
+  if (!other || now < before || (now == before && !(*found)->zooming)) return;
+  if (*found && (*found)->zooming) {
+    const std::vector<uint8_t> all(input->tracks.image_count, 1);
+    *found = choose_lens(input->tracks, all, std::move(other), std::move(*found), settings.max_error,
+                         ErrorRelation::kWithinImages);
+  } else {
+    *found = std::move(other);
+  }
+}
+
+// What was found of photos, by the tracks that they have now.
+UncalibratedReconstruction start_from(UncalibratedReconstruction found, const SolveInput& before,
+                                      const SolveInput& now, double max_error) {
+  renumber_points(tracks_now(before.photo_points, now.photo_points), now.tracks.point_count,
+                  &found.scene.points, &found.point_placed);
+  mark_inliers(now.tracks, max_error, &found);
+  return found;
+}
+
+// What may pose images that a reconstruction leaves out, or that there is none of (null).
+std::optional<JoinedStretches> joined_further(const SolveInput& input,
+                                              const UncalibratedReconstruction* found,
+                                              const SolveSettings& settings,
+                                              const SolveCallbacks& callbacks) {
+  if (!input.photo_points.features) return joined_stretches(input, found, settings, callbacks);
+  if (!found) return {};
+  std::optional<SolveInput> loose = with_loose_matches(input, found->image_posed, settings, callbacks);
+  if (!loose) return {};
+  JoinedStretches joined{*std::move(loose), {}};
+  joined.start = start_from(*found, input, joined.input, settings.max_error);
+  return joined;
+}
+
+// Photos compared by what is less clear too, as if nothing had been found of them.
+std::optional<JoinedStretches> compared_afresh(SolveInput input, const SolveSettings& settings,
+                                               const SolveCallbacks& callbacks) {
+  input.photo_points.track.clear();
+  input.photo_points.tracks = 0;
+  const std::vector<uint8_t> none(input.names.size(), 0);
+  std::optional<SolveInput> loose = with_loose_matches(input, none, settings, callbacks);
+  if (!loose) return {};
+  return JoinedStretches{*std::move(loose), {}};
+}
+
+// Where images are left out, the reconstruction of what may pose more, if it does. `input` becomes what the
+// reconstruction is of.
+void take_if_better(std::optional<JoinedStretches> joined, const SolveSettings& settings,
+                    const SolveCallbacks& callbacks, SolveInput* input,
+                    Result<UncalibratedReconstruction>* found) {
+  if (!joined) return;
   Result<UncalibratedReconstruction> other =
       reconstruct_input(&joined->input, settings, callbacks, joined->start ? &*joined->start : nullptr);
-  if (!(reached_share(other) > reached_share(found))) return found;
+  if (!(reached_share(other) > reached_share(*found))) return;
+  // Matches that are less clear make many a lens zoom.
+  if (*found && !joined->input.in_order && other->zooming && !(*found)->zooming) return;
   *input = std::move(joined->input);
-  return other;
+  *found = std::move(other);
+}
+
+// The same, and where that leaves images out again with what joins the stretches of a video, or with more
+// matches of photos: to go on from there, and from the start. `input` becomes what the reconstruction is of.
+Result<UncalibratedReconstruction> reconstruct_further(SolveInput* input, const SolveSettings& settings,
+                                                       const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
+  reconsider_one_lens(input, settings, callbacks, &found);
+  take_if_better(joined_further(*input, found ? &*found : nullptr, settings, callbacks), settings, callbacks,
+                 input, &found);
+  if (input->photo_points.features && !(reached_share(found) == 1))
+    take_if_better(compared_afresh(*input, settings, callbacks), settings, callbacks, input, &found);
+  return found;
 }
 
 // A few images that do not go well as a video may go better as photos.
@@ -219,7 +337,7 @@ Result<void> try_as_photos(const SolveSettings& settings, const SolveCallbacks& 
               : "not solved as a video, now tried as photos: " + found->error().message);
   Result<SolveInput> photos = tracks_from_photos(settings, callbacks);
   if (!photos) return photos.error();
-  Result<UncalibratedReconstruction> other = reconstruct_input(&*photos, settings, callbacks);
+  Result<UncalibratedReconstruction> other = reconstruct_further(&*photos, settings, callbacks);
   if (reached_share(other) >= reached_share(*found)) {
     *input = *std::move(photos);
     *found = std::move(other);
@@ -246,8 +364,32 @@ Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCa
   return input;
 }
 
+// Where photos are left out, with more matches, to go on from there or from the start. `input` becomes what
+// the reconstruction is of.
+void pose_left_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, RayOptions options,
+                      SolveInput* input, RayReconstruction* found) {
+  const auto take_if_better = [&](SolveInput loose) {
+    RayReconstruction other = reconstruct_along_rays(loose.tracks, *input->camera, options);
+    if (other.posed <= found->posed) return;
+    *input = std::move(loose);
+    *found = std::move(other);
+  };
+  if (found->posed > 0) {
+    std::optional<SolveInput> loose = with_loose_matches(*input, found->image_posed, settings, callbacks);
+    if (!loose) return;
+    RayReconstruction start = *found;
+    renumber_points(tracks_now(input->photo_points, loose->photo_points), loose->tracks.point_count,
+                    &start.points, &start.point_placed);
+    options.start = &start;
+    take_if_better(*std::move(loose));
+    options.start = nullptr;
+  }
+  if (found->posed == std::ssize(input->names)) return;
+  if (auto afresh = compared_afresh(*input, settings, callbacks)) take_if_better(std::move(afresh->input));
+}
+
 // Poses and map of the images of input.camera, adjusted together.
-Result<SolveResult> solve_with_camera(const SolveInput& input, const SolveSettings& settings,
+Result<SolveResult> solve_with_camera(SolveInput input, const SolveSettings& settings,
                                       const SolveCallbacks& callbacks) {
   RayOptions options{.max_error_px = settings.max_error,
                      .is_known = true,
@@ -260,7 +402,8 @@ Result<SolveResult> solve_with_camera(const SolveInput& input, const SolveSettin
       callbacks.progress("photo", posed, static_cast<int>(input.names.size()));
     };
   }
-  const RayReconstruction found = reconstruct_along_rays(input.tracks, *input.camera, options);
+  RayReconstruction found = reconstruct_along_rays(input.tracks, *input.camera, options);
+  pose_left_photos(settings, callbacks, options, &input, &found);
   if (found.posed == 0) {
     return no_reconstruction(
         fmt::format("{}: no three of the {} images start a reconstruction: too few points in "
@@ -273,10 +416,10 @@ Result<SolveResult> solve_with_camera(const SolveInput& input, const SolveSettin
 
 // Photos, or tracks in a file, of a camera that is given.
 Result<SolveResult> solve_known(const SolveSettings& settings, const SolveCallbacks& callbacks) {
-  const Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_of_camera(settings, callbacks)
-                                                                  : tracks_from_photos(settings, callbacks);
+  Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_of_camera(settings, callbacks)
+                                                            : tracks_from_photos(settings, callbacks);
   if (!input) return input.error();
-  return solve_with_camera(*input, settings, callbacks);
+  return solve_with_camera(*std::move(input), settings, callbacks);
 }
 
 }  // namespace
@@ -342,7 +485,7 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
         fmt::format("{}: no point is seen in two of its {} images", settings.input, input->names.size()));
   }
   const double read_s = milliseconds_since(start) / 1000.0;
-  Result<UncalibratedReconstruction> found = reconstruct_stretches(&*input, settings, callbacks);
+  Result<UncalibratedReconstruction> found = reconstruct_further(&*input, settings, callbacks);
   if (found) pose_repeats(*input, &*found);
   if (auto r = try_as_photos(settings, once, &*input, &found); !r) return r.error();
   if (!found) return Error{found.error().kind, fmt::format("{}: {}", settings.input, found.error().message)};

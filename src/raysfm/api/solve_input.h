@@ -9,6 +9,7 @@
 #include "raysfm/api/solve.h"
 #include "raysfm/camera/camera.h"
 #include "raysfm/lenses/point_tracks.h"
+#include "raysfm/photos/photo_points.h"
 #include "raysfm/photos/track_bridges.h"
 
 namespace raysfm {
@@ -22,6 +23,7 @@ struct SolveInput {
   std::vector<std::string> defects;         // why an image shows nothing, else ""; empty: none has one
   std::vector<int> same_as;                 // an image that shows the same and is seen in its place, else -1;
                                             // empty: all show something else
+  PhotoPoints photo_points;                 // of photos; without features of a video
   std::vector<ExifLens> exif;               // the lenses that photos name
   std::vector<int> lens_of_image;           // as that of SolveOptions
   bool in_order = true;                     // an image sees what the one before sees

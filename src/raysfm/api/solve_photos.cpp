@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <memory>
-#include <numeric>
 #include <optional>
+#include <span>
 
 #include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_class.h"
@@ -18,6 +17,7 @@
 #include "raysfm/matching/photo_features.h"
 #include "raysfm/photos/photo_lenses.h"
 #include "raysfm/photos/photo_pairs.h"
+#include "raysfm/photos/photo_points.h"
 #include "raysfm/projective/view_pair.h"
 
 namespace raysfm {
@@ -27,34 +27,13 @@ constexpr int kMinAgreeing = 40;
 // Of a photo: of few, all of which are compared, and of many.
 constexpr int kFeaturesOfFew = 5000, kFeaturesOfMany = 2500;
 
-// Sets of features that are the same point.
-class Merger {
- public:
-  explicit Merger(int count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0); }
-  int root(int i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(int i, int j) { parent_[root(i)] = root(j); }
-
- private:
-  std::vector<int> parent_;
-};
-
 Error refused(const SolveSettings& settings, const std::string& why) {
   return bad_input(fmt::format("{}: {}; raysfm track takes a video of it", settings.camera, why));
 }
 
-// Features of all photos in one row.
-struct Photos {
-  std::unique_ptr<PhotoFeatures> features;
-  std::vector<int> first;  // feature of each photo
-  std::vector<std::array<uint8_t, 3>> rgb;
-  std::vector<TakenPhoto> taken;
-};
-
-Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Photos* photos,
+Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, std::vector<TakenPhoto>* photos,
                          SolveInput* input) {
+  PhotoPoints& points = input->photo_points;
   const bool few = source.frame_count() >= 0 && source.frame_count() <= kMostInAllPairs;
   const int most_features = few ? kFeaturesOfFew : kFeaturesOfMany;
   while (!(input->interrupted = stop && stop->load())) {
@@ -62,18 +41,18 @@ Result<void> read_photos(FrameSource& source, const std::atomic<bool>* stop, Pho
     if (!next) return next.error();
     if (!*next) break;
     const InputFrame& frame = **next;
-    if (auto r = photos->features->add(frame.gray.view(), most_features); !r) return r;
-    photos->first.push_back(static_cast<int>(photos->rgb.size()));
-    for (const Eigen::Vector2d& p : photos->features->pixels(photos->features->photos() - 1)) {
+    if (auto r = points.features->add(frame.gray.view(), most_features); !r) return r;
+    points.first.push_back(static_cast<int>(points.rgb.size()));
+    for (const Eigen::Vector2d& p : points.features->pixels(points.features->photos() - 1)) {
       const int x = std::clamp(static_cast<int>(p.x() + 0.5), 0, frame.gray.width() - 1);
       const int y = std::clamp(static_cast<int>(p.y() + 0.5), 0, frame.gray.height() - 1);
-      photos->rgb.push_back(frame.colors.at(x, y, frame.gray.row(y)[x]));
+      points.rgb.push_back(frame.colors.at(x, y, frame.gray.row(y)[x]));
     }
     input->timestamps.push_back(frame.timestamp);
     input->names.push_back(frame.name);
     input->keyframe.push_back(1);
     input->defects.push_back(frame.defect);
-    TakenPhoto& taken = photos->taken.emplace_back();
+    TakenPhoto& taken = photos->emplace_back();
     taken.name = frame.name;
     taken.size = {frame.gray.width(), frame.gray.height()};
     if (frame.defect.empty()) taken.exif = read_exif(frame.file);
@@ -99,55 +78,51 @@ void settle_size(SolveInput* input) {
   if (alike) input->sizes.clear();
 }
 
-// Points of all photos that are one, by the pairs that are worth a comparison.
-Merger joined_points(const Photos& photos, const Camera* camera, const SolveSettings& settings,
-                     const std::atomic<bool>* stop,
-                     std::vector<std::pair<std::string, StageTiming>>* stages) {
-  ThreadPool pool(thread_count(settings.threads) - 1);
-  StageTiming retrieve, compare;
-  const auto pairs = [&] {
-    const ScopedTimer timer(retrieve);
-    return pairs_to_compare(*photos.features, &pool);
-  }();
-  const auto same = [&] {
-    const ScopedTimer timer(compare);
-    return compare_pairs(*photos.features, pairs, camera, settings.max_error, settings.seed, stop, &pool);
-  }();
-  Merger merger(static_cast<int>(photos.rgb.size()));
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    for (const auto& [in_a, in_b] : same[i]) {
-      merger.join(photos.first[pairs[i].first] + in_a, photos.first[pairs[i].second] + in_b);
+// Tracks of the points that are one.
+void collect_tracks(SolveInput* input) {
+  const PhotoPoints& points = input->photo_points;
+  PointTracks tracks;
+  tracks.image_size = input->tracks.image_size;
+  tracks.image_count = points.features->photos();
+  tracks.point_count = points.tracks;
+  input->rgb.resize(points.tracks);
+  for (int j = 0, i = 0; j < tracks.image_count; ++j) {
+    for (const Eigen::Vector2d& pixel : points.features->pixels(j)) {
+      const int point = i++, track = points.track[point];
+      if (track < 0) continue;
+      tracks.add(j, track, pixel + input->shift(j));
+      input->rgb[track] = points.rgb[point];
     }
   }
-  stages->emplace_back("retrieve", retrieve);
-  stages->emplace_back("compare", compare);
-  return merger;
+  input->tracks = std::move(tracks);
 }
 
-// A set with two features of one photo is two points, and which is which is not known: it is left out.
-void collect_tracks(const Photos& photos, Merger* merger, SolveInput* input) {
-  const int count = static_cast<int>(photos.rgb.size());
-  std::vector<int> last_photo(count, -1), size(count, 0), number(count, -1);
-  for (int j = 0; j < photos.features->photos(); ++j) {
-    for (size_t i = 0; i < photos.features->pixels(j).size(); ++i) {
-      const int root = merger->root(photos.first[j] + static_cast<int>(i));
-      size[root] = last_photo[root] == j || size[root] < 0 ? -1 : size[root] + 1;
-      last_photo[root] = j;
-    }
+StageTiming& stage(const std::string& name, SolveInput* input) {
+  const auto there = std::ranges::find(input->stages, name, [](const auto& stage) { return stage.first; });
+  return there == input->stages.end() ? input->stages.emplace_back(name, StageTiming{}).second
+                                      : there->second;
+}
+
+// Tracks by the pairs that are worth a comparison, and have a photo that has no pose; along with those there
+// are.
+void compare_photos(const std::string& stage_name, std::span<const uint8_t> posed, float max_ratio,
+                    const SolveSettings& settings, const std::atomic<bool>* stop, SolveInput* input) {
+  ThreadPool pool(thread_count(settings.threads) - 1);
+  PhotoPoints& points = input->photo_points;
+  {
+    const ScopedTimer timer(stage(stage_name, input));
+    auto pairs = pairs_to_compare(*points.features, &pool);
+    std::erase_if(pairs, [&](const auto& pair) { return posed[pair.first] && posed[pair.second]; });
+    const auto same = compare_pairs(*points.features, pairs,
+                                    {.camera = input->camera ? &*input->camera : nullptr,
+                                     .max_error_px = settings.max_error,
+                                     .max_ratio = max_ratio,
+                                     .seed = settings.seed,
+                                     .stop = stop},
+                                    &pool);
+    join_same_points(pairs, same, &points);
   }
-  PointTracks& tracks = input->tracks;
-  tracks.image_count = photos.features->photos();
-  for (int j = 0; j < tracks.image_count; ++j) {
-    for (size_t i = 0; i < photos.features->pixels(j).size(); ++i) {
-      const int root = merger->root(photos.first[j] + static_cast<int>(i));
-      if (size[root] < 2) continue;
-      if (number[root] < 0) {
-        number[root] = tracks.point_count++;
-        input->rgb.push_back(photos.rgb[root]);
-      }
-      tracks.add(j, number[root], photos.features->pixels(j)[i] + input->shift(j));
-    }
-  }
+  collect_tracks(input);
 }
 
 // Matches that one shift of the image explains.
@@ -273,23 +248,37 @@ Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const Solve
     if (!camera) return camera.error();
     input.camera = *std::move(camera);
   }
-  Photos photos;
   Result<std::unique_ptr<PhotoFeatures>> features = make_photo_features();
   if (!features) return features.error();
-  photos.features = *std::move(features);
+  input.photo_points.features = *std::move(features);
+  std::vector<TakenPhoto> photos;
   if (!input.camera) opened->streams[0]->allow_any_size();
   if (auto r = read_photos(*opened->streams[0], callbacks.stop, &photos, &input); !r) return r.error();
   settle_size(&input);
   if (!input.camera) {
-    input.exif = lenses_by_exif(photos.taken);
+    input.exif = lenses_by_exif(photos);
     tell_exif(input.exif, callbacks.event);
-    input.lens_of_image = numbers_of_lenses(photos.taken);
+    input.lens_of_image = numbers_of_lenses(photos);
   }
-  Merger merger =
-      joined_points(photos, input.camera ? &*input.camera : nullptr, settings, callbacks.stop, &input.stages);
+  compare_photos("compare", std::vector<uint8_t>(photos.size(), 0), kClearRatio, settings, callbacks.stop,
+                 &input);
   input.interrupted = input.interrupted || callbacks.stopped();
-  collect_tracks(photos, &merger, &input);
   return input;
+}
+
+std::optional<SolveInput> with_loose_matches(const SolveInput& input, std::span<const uint8_t> posed,
+                                             const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  if (!input.photo_points.features || callbacks.stopped()) return {};
+  int left_out = 0;
+  for (size_t j = 0; j < posed.size(); ++j) {
+    left_out += !posed[j] && !input.photo_points.features->pixels(static_cast<int>(j)).empty();
+  }
+  if (left_out == 0) return {};
+  tell(callbacks.event, Event::Level::kInfo,
+       fmt::format("{} of {} photos are compared again, less strictly", left_out, posed.size()));
+  SolveInput loose = input;
+  compare_photos("compare again", posed, kLooseRatio, settings, callbacks.stop, &loose);
+  return loose;
 }
 
 }  // namespace raysfm

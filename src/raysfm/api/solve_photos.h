@@ -1,5 +1,9 @@
 #pragma once
 
+#include <cstdint>
+#include <optional>
+#include <span>
+
 #include "raysfm/api/solve_input.h"
 #include "raysfm/frames/frame_source.h"
 
@@ -21,9 +25,15 @@ Result<SolveInput> tracks_from_images(const SolveSettings& settings, const Solve
 // videos are understood.
 Result<Camera> known_camera(const SolveSettings& settings, const Input* opened, const EventSink& event);
 
-// Tracks of photos that may be taken from anywhere: matches of pairs that agree with a fundamental matrix, of
-// all pairs or, of many photos, of those that look alike; of a known camera with an essential matrix, along
-// its rays. Errors: bad input.
+// Tracks of photos that may be taken from anywhere: clear matches of pairs that agree with a fundamental
+// matrix, of all pairs or, of many photos, of those that look alike; of a known camera with an essential
+// matrix, along its rays. Errors: bad input.
 Result<SolveInput> tracks_from_photos(const SolveSettings& settings, const SolveCallbacks& callbacks);
+
+// Where a reconstruction of photos leaves some out (`posed`: one per photo, or 0 of all where there is none):
+// the tracks of `input`, joined with what those photos share with all others by matches that are less clear.
+// None of a video, or where none is left out.
+std::optional<SolveInput> with_loose_matches(const SolveInput& input, std::span<const uint8_t> posed,
+                                             const SolveSettings& settings, const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

@@ -26,15 +26,8 @@ void renumber(const std::vector<int>& number, JoinedStretches* joined) {
   input.rgb = std::move(rgb);
   input.described.clear();
   if (!joined->start) return;
-  std::vector<Eigen::Vector3d> points(input.tracks.point_count, Eigen::Vector3d::Zero());
-  std::vector<uint8_t> placed(input.tracks.point_count, 0);
-  for (size_t i = number.size(); i-- > 0;) {
-    if (!joined->start->point_placed[i]) continue;
-    points[number[i]] = joined->start->scene.points[i];
-    placed[number[i]] = 1;
-  }
-  joined->start->scene.points = std::move(points);
-  joined->start->point_placed = std::move(placed);
+  renumber_points(number, input.tracks.point_count, &joined->start->scene.points,
+                  &joined->start->point_placed);
 }
 
 bool left_keyframes_out(const SolveInput& input, const UncalibratedReconstruction* found) {

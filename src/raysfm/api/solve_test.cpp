@@ -161,6 +161,27 @@ TEST_F(SolveTest, ImagesGiveTheLensThatACalibrationFound) {
   EXPECT_EQ(result->report.lens->degenerate, "");
 }
 
+// A carpet whose pattern repeats makes photos agree that share nothing else: without clear matches first, and
+// guesses of one lens, fourteen of these are in wrong places and the lens seems to zoom.
+TEST_F(SolveTest, PhotosOfOneLensAboveACarpet) {
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA("bonsai-photos");
+  std::vector<fs::path> all;
+  for (const auto& file : fs::directory_iterator(testing_support::shared_data("bonsai-photos/images")))
+    all.push_back(file.path());
+  std::ranges::sort(all);
+  SolveSettings settings;
+  settings.input = (folder_ / "photos").string();
+  settings.images = "photos";
+  fs::create_directories(settings.input);
+  for (size_t i = 20; i < 110; i += 6) fs::copy(all[i], settings.input);
+  const auto result = solve(settings, {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  for (const PosedFrame& frame : result->reconstruction.frames) EXPECT_TRUE(frame.world_from_rig);
+  EXPECT_FALSE(result->report.lens->zooming);
+  // COLMAP with all of the photos: 825.6.
+  EXPECT_NEAR(lens_of(result->reconstruction.lenses[0])->fx, 825.6, 8);
+}
+
 TEST_F(SolveTest, DoesNotOverwriteItsInput) {
   std::ofstream(folder_ / "lens.csv") << "image,point,u,v\n";
   const auto check = check_solve_output(folder_ / "lens.csv", folder_);

@@ -51,4 +51,17 @@ Result<void> validate(const PointTracks& tracks) {
   return {};
 }
 
+void renumber_points(std::span<const int> number, int count, std::vector<Eigen::Vector3d>* points,
+                     std::vector<uint8_t>* placed) {
+  std::vector<Eigen::Vector3d> now(count, Eigen::Vector3d::Zero());
+  std::vector<uint8_t> placed_now(count, 0);
+  for (size_t i = 0; i < number.size(); ++i) {
+    if (!(*placed)[i] || number[i] < 0 || placed_now[number[i]]) continue;
+    now[number[i]] = (*points)[i];
+    placed_now[number[i]] = 1;
+  }
+  *points = std::move(now);
+  *placed = std::move(placed_now);
+}
+
 }  // namespace raysfm

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "raysfm/core/result.h"
@@ -28,5 +30,11 @@ struct PointTracks {
 
 // Names the observation (counted from 0), the value and what is allowed.
 Result<void> validate(const PointTracks& tracks);
+
+// Positions of points, and marks of those that have one, where tracks have got other numbers. `number`: one
+// per track as it was, -1 for one that is gone; of several that are one now the first that has a position
+// counts. `count`: tracks now.
+void renumber_points(std::span<const int> number, int count, std::vector<Eigen::Vector3d>* points,
+                     std::vector<uint8_t>* placed);
 
 }  // namespace raysfm

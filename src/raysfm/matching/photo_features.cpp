@@ -12,7 +12,6 @@
 namespace raysfm {
 namespace {
 
-constexpr float kMaxRatio = 0.8f;  // of the distances of the best and the second best
 constexpr int kLength = DescriptorTable::kLength;
 // Of a point at least, of the largest there can be: with OpenCV's 0.04 photos that share little with the
 // others stay without a pose, with 0.02 the time of a few photos doubles and focal lengths are no better.
@@ -20,9 +19,9 @@ constexpr double kContrast = 0.03;
 constexpr int kLayers = 3;  // of an octave, as Lowe has it
 
 // Squares of distances.
-bool is_clear(const NearestTwo& nearest) {
+bool is_clear(const NearestTwo& nearest, float max_ratio) {
   return nearest.second < DescriptorTable::kFar &&
-         static_cast<float>(nearest.first) < kMaxRatio * kMaxRatio * static_cast<float>(nearest.second);
+         static_cast<float>(nearest.first) < max_ratio * max_ratio * static_cast<float>(nearest.second);
 }
 
 // The descriptors are the roots of SIFT's, scaled to unit sum (Arandjelovic and Zisserman 2012).
@@ -55,14 +54,15 @@ class SiftFeatures : public PhotoFeatures {
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
 
-  std::vector<std::pair<int, int>> match(int a, int b) const override {
+  std::vector<std::pair<int, int>> match(int a, int b, float max_ratio) const override {
     std::vector<NearestTwo> forth, back;
     find_nearest_two(descriptors_[a], descriptors_[b], &forth, &back);
     std::vector<std::pair<int, int>> matches;
     for (size_t i = 0; i < forth.size(); ++i) {
-      if (!is_clear(forth[i])) continue;
+      if (!is_clear(forth[i], max_ratio)) continue;
       const NearestTwo& other = back[forth[i].index];
-      if (is_clear(other) && other.index == static_cast<int>(i)) matches.emplace_back(i, forth[i].index);
+      if (is_clear(other, max_ratio) && other.index == static_cast<int>(i))
+        matches.emplace_back(i, forth[i].index);
     }
     return matches;
   }

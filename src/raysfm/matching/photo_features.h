@@ -23,9 +23,10 @@ class PhotoFeatures {
   virtual int photos() const = 0;
   // Pixels of the points of a photo; centre of the first pixel at (0, 0).
   virtual const std::vector<Eigen::Vector2d>& pixels(int photo) const = 0;
-  // Points of photo a and photo b that prefer each other clearly to all others.
+  // Points of photo a and photo b that prefer each other clearly to all others: seen from either, the other
+  // one is at less than `max_ratio` (0 to 1) of the distance of the second best.
   // Any number of threads may ask at a time.
-  virtual std::vector<std::pair<int, int>> match(int a, int b) const = 0;
+  virtual std::vector<std::pair<int, int>> match(int a, int b, float max_ratio) const = 0;
   // What the points of a photo look like, in 256 bits each, for an index of many photos.
   virtual std::vector<Descriptor> codes(int photo) const = 0;
 };

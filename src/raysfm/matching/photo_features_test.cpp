@@ -46,7 +46,7 @@ double share_of_right_matches(const Eigen::Matrix3d& b_from_a, int* matches) {
   const auto features = *make_photo_features();
   EXPECT_TRUE(features->add(gray_of(a).view(), 1500));
   EXPECT_TRUE(features->add(gray_of(b).view(), 1500));
-  const auto found = features->match(0, 1);
+  const auto found = features->match(0, 1, 0.8f);
   *matches = static_cast<int>(found.size());
   int right = 0;
   for (const auto& [in_a, in_b] : found) {
@@ -86,7 +86,7 @@ TEST(PhotoFeatures, CodesOfMatchesAreAlikeAndOthersAreNot) {
   const std::vector<Descriptor> in_a = features->codes(0), in_b = features->codes(1);
   ASSERT_EQ(in_a.size(), features->pixels(0).size());
   double same = 0, other = 0;
-  const auto matches = features->match(0, 1);
+  const auto matches = features->match(0, 1, 0.8f);
   ASSERT_GT(matches.size(), 100u);
   for (const auto& [i, j] : matches) {
     same += double(distance(in_a[i], in_b[j])) / double(matches.size());
@@ -103,10 +103,10 @@ TEST(PhotoFeatures, ImagesOfDifferentThingsMatchHardly) {
   EXPECT_TRUE(features->add(gray_of(cv::Mat(48, 64, CV_8U, cv::Scalar(90))).view(), 1500));  // nothing in it
   EXPECT_EQ(features->photos(), 3);
   EXPECT_GT(features->pixels(0).size(), 300u);
-  EXPECT_LT(features->match(0, 1).size(), features->pixels(0).size() / 10);
+  EXPECT_LT(features->match(0, 1, 0.8f).size(), features->pixels(0).size() / 10);
   EXPECT_TRUE(features->pixels(2).empty());
-  EXPECT_TRUE(features->match(0, 2).empty());
-  EXPECT_TRUE(features->match(2, 0).empty());
+  EXPECT_TRUE(features->match(0, 2, 0.8f).empty());
+  EXPECT_TRUE(features->match(2, 0, 0.8f).empty());
 }
 
 TEST(PhotoFeatures, MatchesAreOneToOneAndTheSameBothWays) {
@@ -117,11 +117,15 @@ TEST(PhotoFeatures, MatchesAreOneToOneAndTheSameBothWays) {
   EXPECT_TRUE(features->add(gray_of(a).view(), 800));
   EXPECT_TRUE(features->add(gray_of(b).view(), 800));
   EXPECT_LE(features->pixels(0).size(), 801u);  // OpenCV keeps ties
-  auto forth = features->match(0, 1), back = features->match(1, 0);
+  auto forth = features->match(0, 1, 0.8f), back = features->match(1, 0, 0.8f);
   for (auto& [x, y] : back) std::swap(x, y);
   std::sort(back.begin(), back.end());
   std::sort(forth.begin(), forth.end());
   EXPECT_EQ(forth, back);
+  const auto clear = features->match(0, 1, 0.5f);
+  EXPECT_TRUE(std::ranges::includes(forth, clear));
+  EXPECT_GT(clear.size(), forth.size() / 4);
+  EXPECT_LT(clear.size(), forth.size());
 }
 
 }  // namespace

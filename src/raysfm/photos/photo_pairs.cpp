@@ -28,10 +28,10 @@ uint64_t stream_of(int a, int b) {
 
 // Of one central camera.
 SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, const Camera& camera,
-                                  double max_error_px, uint64_t seed) {
+                                  const PairOptions& options) {
   SamePoints found;
   std::vector<Eigen::Vector3d> bearings[2];
-  for (const std::pair<int, int>& match : features.match(a, b)) {
+  for (const std::pair<int, int>& match : features.match(a, b, options.max_ratio)) {
     Ray in_a, in_b;
     if (!camera.ray(features.pixels(a)[match.first], &in_a) ||
         !camera.ray(features.pixels(b)[match.second], &in_b)) {
@@ -41,10 +41,11 @@ SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, c
     bearings[0].push_back(in_a.direction);
     bearings[1].push_back(in_b.direction);
   }
-  EssentialRansac estimator(bearings[0], bearings[1], max_error_px / camera.pixels_per_radian());
+  EssentialRansac estimator(bearings[0], bearings[1], options.max_error_px / camera.pixels_per_radian());
   Eigen::Matrix3d essential;
-  const RansacReport report = ransac(
-      estimator, {.max_iterations = kPairSamples, .seed = seed, .stream = stream_of(a, b)}, &essential);
+  const RansacReport report =
+      ransac(estimator, {.max_iterations = kPairSamples, .seed = options.seed, .stream = stream_of(a, b)},
+             &essential);
   if (!report.found() || report.score.inliers < kMinPairInliers) return {};
   SamePoints same;
   for (int i = 0; i < estimator.size(); ++i) {
@@ -53,8 +54,8 @@ SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, c
   return same;
 }
 
-SamePoints same_points(const PhotoFeatures& features, int a, int b, double max_error_px, uint64_t seed) {
-  const std::vector<std::pair<int, int>> found = features.match(a, b);
+SamePoints same_points(const PhotoFeatures& features, int a, int b, const PairOptions& options) {
+  const std::vector<std::pair<int, int>> found = features.match(a, b, options.max_ratio);
   PairMatches matches;
   for (size_t i = 0; i < found.size(); ++i) {
     matches.points.push_back(static_cast<int>(i));
@@ -62,7 +63,8 @@ SamePoints same_points(const PhotoFeatures& features, int a, int b, double max_e
     matches.b.push_back(features.pixels(b)[found[i].second]);
   }
   ViewPair pair;
-  if (!fundamental_ransac(matches, max_error_px, kPairSamples, seed, stream_of(a, b), &pair)) return {};
+  if (!fundamental_ransac(matches, options.max_error_px, kPairSamples, options.seed, stream_of(a, b), &pair))
+    return {};
   if (pair.inliers < kMinPairInliers) return {};
   SamePoints same;
   for (size_t i = 0; i < pair.inlier.size(); ++i) {
@@ -96,15 +98,14 @@ std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features,
 }
 
 std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
-                                      const std::vector<std::pair<int, int>>& pairs, const Camera* camera,
-                                      double max_error_px, uint64_t seed, const std::atomic<bool>* stop,
-                                      ThreadPool* pool) {
+                                      const std::vector<std::pair<int, int>>& pairs,
+                                      const PairOptions& options, ThreadPool* pool) {
   std::vector<SamePoints> same(pairs.size());
   pool->parallel_for(static_cast<int>(pairs.size()), [&](int i) {
-    if (stop && stop->load()) return;
+    if (options.stop && options.stop->load()) return;
     const auto [a, b] = pairs[i];
-    same[i] = camera ? same_points_along_rays(features, a, b, *camera, max_error_px, seed)
-                     : same_points(features, a, b, max_error_px, seed);
+    same[i] = options.camera ? same_points_along_rays(features, a, b, *options.camera, options)
+                             : same_points(features, a, b, options);
   });
   return same;
 }

@@ -8,6 +8,7 @@
 #include "raysfm/core/random.h"
 #include "raysfm/eval/alignment.h"
 #include "raysfm/geometry/rotation.h"
+#include "raysfm/ray_lenses/photos_of_one_lens.h"
 #include "raysfm/ray_lenses/ray_reconstruction.h"
 #include "raysfm/ray_lenses/threes_in_sight.h"
 
@@ -29,9 +30,9 @@ Camera fisheye() {
   return camera;
 }
 
-Photos take_photos(int images, double wrong) {
+Photos take_photos(int images, double wrong, const Camera& camera = fisheye()) {
   constexpr int kPoints = 1200;
-  Photos photos{.camera = fisheye(), .cam_from_world = {}, .tracks = {}};
+  Photos photos{.camera = camera, .cam_from_world = {}, .tracks = {}};
   Rng rng(11);
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < kPoints; ++i)
@@ -118,6 +119,40 @@ TEST(PhotosOfKnownCamera, TwoPlacesThatSeeNothingInCommonAreTheLargerOne) {
   const RayReconstruction r = reconstructed(both);
   EXPECT_EQ(r.posed, 24);
   for (int j = 24; j < 31; ++j) EXPECT_FALSE(r.image_posed[j]) << j;
+}
+
+// What is seen of a part of the photos alone, and then of all.
+TEST(PhotosOfKnownCamera, GoesOnFromAReconstructionOfAPart) {
+  const Photos photos = take_photos(24, 0.1);
+  const auto is_late = [](int image) { return image % 6 == 0; };
+  PointTracks part = photos.tracks;
+  part.image.clear(), part.point.clear(), part.pixel.clear();
+  for (int k = 0; k < photos.tracks.size(); ++k) {
+    if (is_late(photos.tracks.image[k])) continue;
+    part.add(photos.tracks.image[k], photos.tracks.point[k], photos.tracks.pixel[k]);
+  }
+  const RayReconstruction start =
+      reconstruct_along_rays(part, photos.camera, {.is_known = true, .in_order = false});
+  ASSERT_EQ(start.posed, 20);
+  const RayReconstruction all = reconstruct_along_rays(
+      photos.tracks, photos.camera, {.is_known = true, .in_order = false, .start = &start});
+  EXPECT_EQ(all.posed, 24);
+  EXPECT_EQ(all.start_images, start.start_images);
+  EXPECT_LT(largest_error(photos, all), 0.01);
+}
+
+TEST(PhotosOfOneLens, TheFocalLengthIsFoundFromGuesses) {
+  constexpr double kFocal = 1100;
+  Camera camera;
+  camera.width = 640, camera.height = 480;
+  camera.model = Radtan{kFocal, kFocal, 324, 235, -0.05, 0.1};
+  const Photos photos = take_photos(18, 0.05, camera);
+  const int most = static_cast<int>(0.8 * photos.tracks.size());
+  const RayReconstruction r =
+      reconstruct_photos_of_one_lens(photos.tracks, 0, most, {.in_order = false, .threads = 2});
+  ASSERT_EQ(r.posed, 18);
+  EXPECT_NEAR(std::get<Radtan>(r.camera.model).fx, kFocal, 0.02 * kFocal);
+  EXPECT_LT(largest_error(photos, r), 0.03);
 }
 
 TEST(ThreesInSight, SeeEnoughInCommonAndTheSecondIsBetweenTheOthers) {

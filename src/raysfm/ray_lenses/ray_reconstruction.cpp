@@ -83,6 +83,7 @@ class RayGrowth {
 
   // `avoided`: images that a start is to leave alone, one each.
   bool start(std::span<const uint8_t> avoided);
+  void go_on_from(const RayReconstruction& start);
   void complete();
   void take_sigma();
   RayReconstruction& result() { return r_; }
@@ -296,6 +297,11 @@ bool RayGrowth::start_anywhere(std::span<const uint8_t> avoided) {
 
 bool RayGrowth::start(std::span<const uint8_t> avoided) {
   return options_.in_order ? start_along_video() : start_anywhere(avoided);
+}
+
+void RayGrowth::go_on_from(const RayReconstruction& start) {
+  r_ = start;
+  r_.inlier.assign(tracks_.size(), 0);
 }
 
 // The one that sees most placed points of those that were not tried, -1: none sees enough.
@@ -593,6 +599,12 @@ void RayGrowth::take_sigma() {
 
 RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
                                          const RayOptions& options) {
+  if (options.start) {
+    RayGrowth growth(tracks, guess, options);
+    growth.go_on_from(*options.start);
+    growth.complete();
+    return std::move(growth.result());
+  }
   RayReconstruction best;
   std::vector<uint8_t> seen(tracks.image_count, 0);  // by a reconstruction
   for (int i = 0; i < (options.in_order ? 1 : kStarts); ++i) {

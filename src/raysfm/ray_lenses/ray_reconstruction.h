@@ -12,6 +12,8 @@
 
 namespace raysfm {
 
+struct RayReconstruction;
+
 // How tracks are reconstructed through a camera that is guessed, or known.
 struct RayOptions {
   double max_error_px = 3.0;  // of an inlier, > 0
@@ -19,6 +21,8 @@ struct RayOptions {
   double centre_sigma = 0.03;
   bool is_known = false;  // the camera is no guess: it stays as it is
   bool in_order = true;   // of time; else images see one another in any order
+  // A reconstruction of a part of the images to go on from, of photos; null: there is none.
+  const RayReconstruction* start = nullptr;
   uint64_t seed = 0;
   int threads = 1;                          // > 0; never changes a result
   std::function<bool()> stopped = nullptr;  // asked now and then; true: ends early with what there is
