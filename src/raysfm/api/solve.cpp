@@ -232,11 +232,11 @@ UncalibratedReconstruction start_from(const RayReconstruction& rays, const Point
 bool may_have_one_lens(const SolveInput& input, const SolveSettings& settings,
                        const Result<UncalibratedReconstruction>& found) {
   if (!input.photo_points.features || settings.lens == "zoom") return false;
-  return !found || found->zooming || found->posed_count() < std::ssize(input.names);
+  return !found || found->zooming || reached_share(found) < kGoodShare;
 }
 
-// Photos again, from guesses of one lens, where no fewer have a pose with it. A lens for each photo explains
-// false matches too.
+// Photos again, from guesses of one lens: better where more have a pose with it, or about as many and a lens
+// for each, which explains false matches too, is no better where both have one.
 void reconsider_one_lens(SolveInput* input, const SolveSettings& settings, const SolveCallbacks& callbacks,
                          Result<UncalibratedReconstruction>* found) {
   if (!may_have_one_lens(*input, settings, *found) || callbacks.stopped()) return;
@@ -252,12 +252,12 @@ void reconsider_one_lens(SolveInput* input, const SolveSettings& settings, const
   const UncalibratedReconstruction start = start_from(rays, input->tracks, settings.max_error);
   Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks, &start);
   const double before = reached_share(*found), now = reached_share(other);
-  if (!other || now < before || (now == before && !(*found)->zooming)) return;
   if (*found && (*found)->zooming) {
+    if (!(now >= kGoodShare * before)) return;
     const std::vector<uint8_t> all(input->tracks.image_count, 1);
     *found = choose_lens(input->tracks, all, std::move(other), std::move(*found), settings.max_error,
                          ErrorRelation::kWithinImages);
-  } else {
+  } else if (now > before) {
     *found = std::move(other);
   }
 }
@@ -312,14 +312,15 @@ void take_if_better(std::optional<JoinedStretches> joined, const SolveSettings& 
 }
 
 // The same, and where that leaves images out again with what joins the stretches of a video, or with more
-// matches of photos: to go on from there, and from the start. `input` becomes what the reconstruction is of.
+// matches of photos: to go on from there, and from the start where many are out. `input` becomes what the
+// reconstruction is of.
 Result<UncalibratedReconstruction> reconstruct_further(SolveInput* input, const SolveSettings& settings,
                                                        const SolveCallbacks& callbacks) {
   Result<UncalibratedReconstruction> found = reconstruct_input(input, settings, callbacks);
   reconsider_one_lens(input, settings, callbacks, &found);
   take_if_better(joined_further(*input, found ? &*found : nullptr, settings, callbacks), settings, callbacks,
                  input, &found);
-  if (input->photo_points.features && !(reached_share(found) == 1))
+  if (input->photo_points.features && reached_share(found) < kGoodShare)
     take_if_better(compared_afresh(*input, settings, callbacks), settings, callbacks, input, &found);
   return found;
 }
@@ -364,8 +365,8 @@ Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCa
   return input;
 }
 
-// Where photos are left out, with more matches, to go on from there or from the start. `input` becomes what
-// the reconstruction is of.
+// Where photos are left out, with more matches, to go on from there, or from the start where many are.
+// `input` becomes what the reconstruction is of.
 void pose_left_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, RayOptions options,
                       SolveInput* input, RayReconstruction* found) {
   const auto take_if_better = [&](SolveInput loose) {
@@ -384,7 +385,7 @@ void pose_left_photos(const SolveSettings& settings, const SolveCallbacks& callb
     take_if_better(*std::move(loose));
     options.start = nullptr;
   }
-  if (found->posed == std::ssize(input->names)) return;
+  if (found->posed >= kGoodShare * static_cast<double>(input->names.size())) return;
   if (auto afresh = compared_afresh(*input, settings, callbacks)) take_if_better(std::move(afresh->input));
 }
 
