@@ -365,8 +365,8 @@ Result<SolveInput> tracks_of_camera(const SolveSettings& settings, const SolveCa
   return input;
 }
 
-// Where photos are left out, with more matches, to go on from there, or from the start where many are.
-// `input` becomes what the reconstruction is of.
+// Where photos are left out, with more matches, to go on from there, and from the start. `input` becomes what
+// the reconstruction is of.
 void pose_left_photos(const SolveSettings& settings, const SolveCallbacks& callbacks, RayOptions options,
                       SolveInput* input, RayReconstruction* found) {
   const auto take_if_better = [&](SolveInput loose) {
@@ -385,7 +385,7 @@ void pose_left_photos(const SolveSettings& settings, const SolveCallbacks& callb
     take_if_better(*std::move(loose));
     options.start = nullptr;
   }
-  if (found->posed >= kGoodShare * static_cast<double>(input->names.size())) return;
+  if (found->posed == std::ssize(input->names)) return;
   if (auto afresh = compared_afresh(*input, settings, callbacks)) take_if_better(std::move(afresh->input));
 }
 
