@@ -23,6 +23,7 @@
 #include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/known_structure.h"
 #include "raysfm/uncalibrated/lens_choice.h"
+#include "raysfm/uncalibrated/solution.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {
@@ -200,13 +201,9 @@ int agreeing(const UncalibratedReconstruction& found) {
   return static_cast<int>(std::ranges::count(found.inlier, 1));
 }
 
-// What agrees with a reconstruction of photos.
 void mark_inliers(const PointTracks& tracks, double max_error, UncalibratedReconstruction* found) {
-  found->inlier.assign(tracks.size(), 0);
-  for (int k = 0; k < tracks.size(); ++k) {
-    if (!found->image_posed[tracks.image[k]] || !found->point_placed[tracks.point[k]]) continue;
-    found->inlier[k] = pixel_residual(tracks, found->scene, found->radial, k).norm() < max_error;
-  }
+  found->inlier = agreeing_observations(tracks, found->scene, found->radial, found->image_posed,
+                                        found->point_placed, max_error);
 }
 
 // What was found along the rays of one perspective lens.

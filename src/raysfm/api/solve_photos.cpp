@@ -109,9 +109,12 @@ void compare_photos(const std::string& stage_name, std::span<const uint8_t> pose
                     const SolveSettings& settings, const std::atomic<bool>* stop, SolveInput* input) {
   ThreadPool pool(thread_count(settings.threads) - 1);
   PhotoPoints& points = input->photo_points;
+  auto pairs = [&] {
+    const ScopedTimer timer(stage("retrieve", input));
+    return pairs_to_compare(*points.features, &pool);
+  }();
   {
     const ScopedTimer timer(stage(stage_name, input));
-    auto pairs = pairs_to_compare(*points.features, &pool);
     std::erase_if(pairs, [&](const auto& pair) { return posed[pair.first] && posed[pair.second]; });
     const auto same = compare_pairs(*points.features, pairs,
                                     {.camera = input->camera ? &*input->camera : nullptr,

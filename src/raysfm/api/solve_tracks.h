@@ -105,7 +105,8 @@ class TrackReader {
 // Tracks of a video or of images in order, without a calibration. Errors: bad input.
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks);
 
-// The tracks of a video whose stretches were joined, and what was found of it before, by their points.
+// The tracks of a video whose stretches were joined, or of photos that were compared again, and what was
+// found of them before, by their points.
 struct JoinedStretches {
   SolveInput input;
   std::optional<UncalibratedReconstruction> start;

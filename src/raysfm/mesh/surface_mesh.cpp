@@ -3,29 +3,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
-#include <numeric>
 #include <utility>
+
+#include "raysfm/core/disjoint_sets.h"
 
 namespace raysfm {
 namespace {
-
-// Sets of numbers that are joined.
-class Sets {
- public:
-  explicit Sets(size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0); }
-  int of(int i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  // The smaller number stands for both.
-  void join(int i, int j) {
-    i = of(i), j = of(j);
-    parent_[std::max(i, j)] = std::min(i, j);
-  }
-
- private:
-  std::vector<int> parent_;
-};
 
 void drop_faces(const std::vector<uint8_t>& keep, SurfaceMesh* mesh) {
   std::vector<int> number(mesh->faces.size(), -1);
@@ -48,7 +31,7 @@ void drop_faces(const std::vector<uint8_t>& keep, SurfaceMesh* mesh) {
 
 // A vertex for every fan of faces.
 void part_fans(SurfaceMesh* mesh) {
-  Sets corners(3 * mesh->faces.size());
+  DisjointSets corners(3 * mesh->faces.size());
   for (size_t f = 0; f < mesh->faces.size(); ++f) {
     for (int e = 0; e < 3; ++e) {
       const int there = mesh->beyond[f][e];
@@ -62,7 +45,7 @@ void part_fans(SurfaceMesh* mesh) {
   std::vector<int> vertex(3 * mesh->faces.size(), -1);
   SurfaceMesh parted;
   for (size_t c = 0; c < vertex.size(); ++c) {
-    const int fan = corners.of(static_cast<int>(c));
+    const int fan = corners.root(static_cast<int>(c));
     int& corner = mesh->faces[c / 3][c % 3];
     if (vertex[fan] < 0) {
       vertex[fan] = static_cast<int>(parted.positions.size());
@@ -109,14 +92,14 @@ void keep_faces(const std::vector<uint8_t>& keep, SurfaceMesh* mesh) {
 }
 
 std::vector<int> pieces_of(const SurfaceMesh& mesh) {
-  Sets sets(mesh.faces.size());
+  DisjointSets sets(mesh.faces.size());
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     for (const int there : mesh.beyond[f]) {
       if (there >= 0) sets.join(static_cast<int>(f), there / 3);
     }
   }
   std::vector<int> pieces(mesh.faces.size());
-  for (size_t f = 0; f < pieces.size(); ++f) pieces[f] = sets.of(static_cast<int>(f));
+  for (size_t f = 0; f < pieces.size(); ++f) pieces[f] = sets.root(static_cast<int>(f));
   return pieces;
 }
 

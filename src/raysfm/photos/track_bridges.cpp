@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <set>
 
+#include "raysfm/core/disjoint_sets.h"
 #include "raysfm/places/place_index.h"
 #include "raysfm/places/place_matcher.h"
 #include "raysfm/projective/view_pair.h"
@@ -173,12 +173,7 @@ std::vector<TrackBridge> find_bridges(const PointTracks& tracks, std::span<const
 }
 
 std::vector<int> join_points(std::span<const TrackBridge> bridges, PointTracks* tracks) {
-  std::vector<int> parent(tracks->point_count);
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-  };
+  DisjointSets sets(tracks->point_count);
   std::vector<std::vector<int>> seen_in(tracks->point_count);  // images, ascending
   for (int k = 0; k < tracks->size(); ++k) seen_in[tracks->point[k]].push_back(tracks->image[k]);
   for (std::vector<int>& images : seen_in) std::ranges::sort(images);
@@ -189,19 +184,21 @@ std::vector<int> join_points(std::span<const TrackBridge> bridges, PointTracks* 
   std::vector<int> both;
   for (const TrackBridge* bridge : surest) {
     for (const auto& [in_a, in_b] : bridge->same) {
-      const int a = std::min(root(in_a), root(in_b)), b = std::max(root(in_a), root(in_b));
+      const int a = std::min(sets.root(in_a), sets.root(in_b));
+      const int b = std::max(sets.root(in_a), sets.root(in_b));
       if (a == b) continue;
       both.clear();
       std::ranges::merge(seen_in[a], seen_in[b], std::back_inserter(both));
       if (std::ranges::adjacent_find(both) != both.end()) continue;
       seen_in[a] = both;
       seen_in[b].clear();
-      parent[b] = a;
+      sets.join(a, b);
     }
   }
   std::vector<int> number(tracks->point_count, -1);
   int count = 0;
-  for (int i = 0; i < tracks->point_count; ++i) number[i] = root(i) == i ? count++ : number[root(i)];
+  for (int i = 0; i < tracks->point_count; ++i)
+    number[i] = sets.root(i) == i ? count++ : number[sets.root(i)];
   for (int& point : tracks->point) point = number[point];
   tracks->point_count = count;
   return number;

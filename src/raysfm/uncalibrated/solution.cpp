@@ -28,19 +28,6 @@ Result<LensAdjustmentSummary> adjust(const PointTracks& tracks, const std::vecto
   return adjust_polished(tracks, weights, options, scene);
 }
 
-// Where the scene agrees with the observations, of images posed and points placed.
-std::vector<uint8_t> judge(const PointTracks& tracks, const UncalibratedScene& scene,
-                           const std::vector<uint8_t>& posed, const std::vector<uint8_t>& placed,
-                           double max_error) {
-  std::vector<uint8_t> inlier(tracks.size(), 0);
-  for (int k = 0; k < tracks.size(); ++k) {
-    const int image = tracks.image[k], point = tracks.point[k];
-    if (!posed[image] || !placed[point]) continue;
-    inlier[k] = pixel_residual(tracks, scene, {}, k).norm() < max_error;
-  }
-  return inlier;
-}
-
 LensAdjustmentOptions adjustment_of(const PointTracks& tracks, const SolveOptions& options, bool equal) {
   LensAdjustmentOptions adjustment;
   adjustment.constraints = constraints_for(tracks, options, equal);
@@ -100,14 +87,25 @@ std::vector<UncalibratedScene> metric_starts(const PointTracks& tracks, const Un
   return scenes;
 }
 
+std::vector<uint8_t> agreeing_observations(const PointTracks& tracks, const UncalibratedScene& scene,
+                                           const RadialDistortion& radial, std::span<const uint8_t> posed,
+                                           std::span<const uint8_t> placed, double max_error_px) {
+  std::vector<uint8_t> agrees(tracks.size(), 0);
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!posed[tracks.image[k]] || !placed[tracks.point[k]]) continue;
+    agrees[k] = pixel_residual(tracks, scene, radial, k).norm() < max_error_px;
+  }
+  return agrees;
+}
+
 Result<void> settle(const PointTracks& tracks, const SolveOptions& options, bool equal, Solution* solution) {
   LensAdjustmentOptions adjustment = adjustment_of(tracks, options, equal);
   adjustment.with_sigma = true;
   if (!equal) adjustment.lens_of_image = options.lens_of_image;
   adjustment.loss = {RobustLoss::Kind::kHuber, options.max_error_px / 2};
   const auto judged = [&] {
-    return judge(tracks, solution->scene, solution->image_posed, solution->point_placed,
-                 options.max_error_px);
+    return agreeing_observations(tracks, solution->scene, {}, solution->image_posed, solution->point_placed,
+                                 options.max_error_px);
   };
   solution->inlier = judged();
   const std::vector<double> kept(solution->inlier.begin(), solution->inlier.end());

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "raysfm/core/result.h"
@@ -40,6 +42,11 @@ Result<ProjectiveStart> start_of(const PointTracks& tracks, const Units& units, 
 // Metric scenes of all images and points; what is not posed or placed is zero.
 std::vector<UncalibratedScene> metric_starts(const PointTracks& tracks, const Units& units,
                                              const ProjectiveStart& start, bool equal);
+
+// Marks the observations, of images posed and points placed, that a scene and a distortion agree with.
+std::vector<uint8_t> agreeing_observations(const PointTracks& tracks, const UncalibratedScene& scene,
+                                           const RadialDistortion& radial, std::span<const uint8_t> posed,
+                                           std::span<const uint8_t> placed, double max_error_px);
 
 // Adjusts with the observations that agree with the scene, and judges them anew. `equal`: one lens for all
 // images; else those of one number of options.lens_of_image have one. Errors: as adjust_standard().
