@@ -8,13 +8,13 @@
 #include <numeric>
 #include <vector>
 
-#include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_check.h"
 #include "raysfm/camera/stretch.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/projective/video_motion.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
+#include "raysfm/solving/solve_tracks.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
 
 namespace raysfm {

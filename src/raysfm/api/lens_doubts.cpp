@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "raysfm/api/given_lens.h"
-#include "raysfm/api/solve_tracks.h"
 #include "raysfm/features/octaves.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/scene/worlds.h"
+#include "raysfm/solving/solve_tracks.h"
 
 namespace raysfm {
 namespace {

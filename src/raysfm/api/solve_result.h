@@ -1,9 +1,9 @@
 #pragma once
 
 #include "raysfm/api/solve.h"
-#include "raysfm/api/solve_input.h"
 #include "raysfm/ray_lenses/ray_reconstruction.h"
 #include "raysfm/results/output_folder.h"
+#include "raysfm/solving/solve_input.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 
 namespace raysfm {

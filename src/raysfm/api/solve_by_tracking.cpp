@@ -1,3 +1,5 @@
+#include "raysfm/api/solve_by_tracking.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -5,10 +7,7 @@
 
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/solve_result.h"
-#include "raysfm/api/solve_tracks.h"
 #include "raysfm/api/track.h"
-#include "raysfm/core/thread_pool.h"
-#include "raysfm/photos/track_bridges.h"
 #include "raysfm/scene/worlds.h"
 
 namespace raysfm {
@@ -17,25 +16,6 @@ namespace {
 constexpr double kWorthIt = 1.1;      // times the frames with a pose
 constexpr double kUsableFocal = 0.1;  // standard deviation of a focal length to track with, as a part of it
 constexpr int kLeastFeatures = 50;    // that can be tracked
-
-// Numbers all that is kept of points as join_points() did.
-void renumber(const std::vector<int>& number, JoinedStretches* joined) {
-  SolveInput& input = joined->input;
-  std::vector<std::array<uint8_t, 3>> rgb(input.tracks.point_count);
-  for (size_t i = number.size(); i-- > 0;) rgb[number[i]] = input.rgb[i];
-  input.rgb = std::move(rgb);
-  input.described.clear();
-  if (!joined->start) return;
-  renumber_points(number, input.tracks.point_count, &joined->start->scene.points,
-                  &joined->start->point_placed);
-}
-
-bool left_keyframes_out(const SolveInput& input, const UncalibratedReconstruction* found) {
-  for (size_t j = 0; j < input.keyframe.size(); ++j) {
-    if (input.keyframe[j] && !(found && found->image_posed[j])) return true;
-  }
-  return false;
-}
 
 TrackSettings settings_of_tracking(const SolveSettings& settings) {
   TrackSettings tracking;
@@ -70,31 +50,6 @@ SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
 }
 
 }  // namespace
-
-std::optional<JoinedStretches> joined_stretches(const SolveInput& input,
-                                                const UncalibratedReconstruction* found,
-                                                const SolveSettings& settings,
-                                                const SolveCallbacks& callbacks) {
-  if (input.described.empty() || callbacks.stopped() || !left_keyframes_out(input, found)) return {};
-  StageTiming time;
-  JoinedStretches joined;
-  {
-    const ScopedTimer timer(time);
-    ThreadPool pool(thread_count(settings.threads) - 1);
-    std::span<const uint8_t> posed;
-    if (found) posed = found->image_posed;
-    const std::vector<TrackBridge> bridges = find_bridges(
-        input.tracks, input.described, posed, settings.max_error, settings.seed, callbacks.stop, &pool);
-    if (bridges.empty()) return {};
-    joined.input = input;
-    if (found) joined.start = *found;
-    renumber(join_points(bridges, &joined.input.tracks), &joined);
-    tell(callbacks.event, Event::Level::kInfo,
-         fmt::format("tracks are broken: {} pairs of key frames see the same places", bridges.size()));
-  }
-  joined.input.stages.emplace_back("join", time);
-  return joined;
-}
 
 Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
                                                      const UncalibratedReconstruction& found,

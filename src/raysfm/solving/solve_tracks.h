@@ -7,11 +7,11 @@
 #include <span>
 #include <vector>
 
-#include "raysfm/api/solve_input.h"
 #include "raysfm/features/descriptor.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/matching/corner_aligner.h"
 #include "raysfm/matching/pair_tracker.h"
+#include "raysfm/solving/solve_input.h"
 #include "raysfm/streams/view_stream.h"
 #include "raysfm/uncalibrated/reconstruct.h"
 #include "raysfm/views/fixed_marks.h"
@@ -104,27 +104,5 @@ class TrackReader {
 
 // Tracks of a video or of images in order, without a calibration. Errors: bad input.
 Result<SolveInput> tracks_from_video(const SolveSettings& settings, const SolveCallbacks& callbacks);
-
-// The tracks of a video whose stretches were joined, or of photos that were compared again, and what was
-// found of them before, by their points.
-struct JoinedStretches {
-  SolveInput input;
-  std::optional<UncalibratedReconstruction> start;
-};
-
-// Where a reconstruction leaves key frames of a video out, or there is none (null): its tracks, with the
-// points made one that descriptors say are the same though no track does. None where there are none.
-std::optional<JoinedStretches> joined_stretches(const SolveInput& input,
-                                                const UncalibratedReconstruction* found,
-                                                const SolveSettings& settings,
-                                                const SolveCallbacks& callbacks);
-
-// The whole video, tracked with the one lens that was found: it loses the track and finds it again, and
-// begins further worlds where nothing is known. None where lenses zoom, or where that does not pose more
-// frames by a tenth. Errors: as track().
-Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
-                                                     const UncalibratedReconstruction& found,
-                                                     const SolveSettings& settings,
-                                                     const SolveCallbacks& callbacks);
 
 }  // namespace raysfm

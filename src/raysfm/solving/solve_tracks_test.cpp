@@ -1,4 +1,4 @@
-#include "raysfm/api/solve_tracks.h"
+#include "raysfm/solving/solve_tracks.h"
 
 #include <gtest/gtest.h>
 

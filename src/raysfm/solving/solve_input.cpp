@@ -1,4 +1,4 @@
-#include "raysfm/api/solve_input.h"
+#include "raysfm/solving/solve_input.h"
 
 #include <fmt/format.h>
 

@@ -6,11 +6,12 @@
 #include <string>
 #include <vector>
 
-#include "raysfm/api/solve.h"
 #include "raysfm/camera/camera.h"
 #include "raysfm/lenses/point_tracks.h"
 #include "raysfm/photos/photo_points.h"
 #include "raysfm/photos/track_bridges.h"
+#include "raysfm/results/report_file.h"
+#include "raysfm/solving/solve_settings.h"
 
 namespace raysfm {
 

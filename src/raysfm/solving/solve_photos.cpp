@@ -1,4 +1,4 @@
-#include "raysfm/api/solve_photos.h"
+#include "raysfm/solving/solve_photos.h"
 
 #include <fmt/format.h>
 
@@ -8,7 +8,6 @@
 #include <optional>
 #include <span>
 
-#include "raysfm/api/solve_tracks.h"
 #include "raysfm/camera/camera_class.h"
 #include "raysfm/camera_files/camera_file.h"
 #include "raysfm/core/median.h"
@@ -19,6 +18,7 @@
 #include "raysfm/photos/photo_pairs.h"
 #include "raysfm/photos/photo_points.h"
 #include "raysfm/projective/view_pair.h"
+#include "raysfm/solving/solve_tracks.h"
 
 namespace raysfm {
 namespace {

@@ -4,8 +4,8 @@
 #include <optional>
 #include <span>
 
-#include "raysfm/api/solve_input.h"
 #include "raysfm/frames/frame_source.h"
+#include "raysfm/solving/solve_input.h"
 
 namespace raysfm {
 

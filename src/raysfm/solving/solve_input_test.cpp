@@ -1,5 +1,5 @@
 // What `solve` says to inputs that are wrong or tell too little, and what it takes.
-#include "raysfm/api/solve_input.h"
+#include "raysfm/solving/solve_input.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 #include <cmath>
 #include <fstream>
 
-#include "raysfm/api/solve_photos.h"
 #include "raysfm/files/text_file.h"
 #include "raysfm/frames/image_writer.h"
 #include "raysfm/frames/png_chunks.h"
+#include "raysfm/solving/solve_photos.h"
 #include "support/exif_bytes.h"
 #include "support/temporary_folder.h"
 #include "support/test_scenes.h"

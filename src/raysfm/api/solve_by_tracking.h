@@ -1,0 +1,19 @@
+#pragma once
+
+#include <optional>
+
+#include "raysfm/api/solve.h"
+#include "raysfm/solving/solve_input.h"
+#include "raysfm/uncalibrated/reconstruct.h"
+
+namespace raysfm {
+
+// The whole video, tracked with the one lens that was found: it loses the track and finds it again, and
+// begins further worlds where nothing is known. None where lenses zoom, or where that does not pose more
+// frames by a tenth. Errors: as track().
+Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
+                                                     const UncalibratedReconstruction& found,
+                                                     const SolveSettings& settings,
+                                                     const SolveCallbacks& callbacks);
+
+}  // namespace raysfm
