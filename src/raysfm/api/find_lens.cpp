@@ -230,7 +230,9 @@ Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSett
             telling.lens};
   }
   const bool is_wide = !wide_lens_warning(telling.lens->camera()).empty();
-  telling.zooms = !is_wide && signs_of_zoom(tracks, options, *found).zooms;
+  telling.zooms = !is_wide && signs_of_zoom(tracks, std::vector<uint8_t>(tracks.image_count, 1), options,
+                                            ErrorRelation::kAlongTracks, *found)
+                                  .zooms;
   const double sigma = telling.lens->prior.focal;
   if (!(sigma <= kUsable)) {
     telling = {{},

@@ -114,7 +114,8 @@ std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
     for (size_t first = 0; first + kLeastWindow <= keyframes.size(); first += kStep) {
       const size_t count = std::min(kWindow, keyframes.size() - first);
       const MapStretch s = stretch_of(r, *lens, std::span(keyframes).subspan(first, count));
-      const ZoomSigns signs = signs_of_zoom(s.tracks, {}, s.found);
+      const ZoomSigns signs = signs_of_zoom(s.tracks, std::vector<uint8_t>(s.tracks.image_count, 1), {},
+                                            ErrorRelation::kAlongTracks, s.found);
       const bool may_be_shutter =
           scans && (signs.spread <= kBeyondShutters || signs.gain <= kGainBeyondShutters);
       if (signs.zooms && !may_be_shutter) {

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <new>
 #include <opencv2/features2d.hpp>
 
@@ -18,10 +19,10 @@ constexpr int kLength = DescriptorTable::kLength;
 constexpr double kContrast = 0.03;
 constexpr int kLayers = 3;  // of an octave, as Lowe has it
 
-// Squares of distances.
-bool is_clear(const NearestTwo& nearest, float max_ratio) {
-  return nearest.second < DescriptorTable::kFar &&
-         static_cast<float>(nearest.first) < max_ratio * max_ratio * static_cast<float>(nearest.second);
+// 1 where there is no second best, or both are the same.
+float ratio_of(const NearestTwo& nearest) {
+  if (nearest.second >= DescriptorTable::kFar || nearest.first >= nearest.second) return 1;
+  return std::sqrt(static_cast<float>(nearest.first) / static_cast<float>(nearest.second));
 }
 
 // The descriptors are the roots of SIFT's, scaled to unit sum (Arandjelovic and Zisserman 2012).
@@ -54,15 +55,15 @@ class SiftFeatures : public PhotoFeatures {
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
 
-  std::vector<std::pair<int, int>> match(int a, int b, float max_ratio) const override {
+  std::vector<PhotoMatch> match(int a, int b, float max_ratio) const override {
     std::vector<NearestTwo> forth, back;
     find_nearest_two(descriptors_[a], descriptors_[b], &forth, &back);
-    std::vector<std::pair<int, int>> matches;
-    for (size_t i = 0; i < forth.size(); ++i) {
-      if (!is_clear(forth[i], max_ratio)) continue;
-      const NearestTwo& other = back[forth[i].index];
-      if (is_clear(other, max_ratio) && other.index == static_cast<int>(i))
-        matches.emplace_back(i, forth[i].index);
+    std::vector<PhotoMatch> matches;
+    for (int i = 0; i < static_cast<int>(forth.size()); ++i) {
+      const int other = forth[i].index;
+      if (other < 0 || back[other].index != i) continue;
+      const float ratio = std::max(ratio_of(forth[i]), ratio_of(back[other]));
+      if (ratio < max_ratio) matches.push_back({i, other, ratio});
     }
     return matches;
   }

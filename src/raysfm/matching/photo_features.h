@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "raysfm/core/result.h"
@@ -10,6 +9,16 @@
 #include "raysfm/image/image.h"
 
 namespace raysfm {
+
+// Points of two photos that prefer each other to all others: their numbers, and the distance between the two
+// as a part of that to the second best, seen from the one of which this is more. 0 to 1; the less the
+// clearer.
+struct PhotoMatch {
+  int in_a, in_b;
+  float ratio;
+
+  bool operator==(const PhotoMatch&) const = default;
+};
 
 // Interest points of photos that bear large changes of place, scale and orientation (SIFT, Lowe 2004), and
 // their matches.
@@ -23,10 +32,9 @@ class PhotoFeatures {
   virtual int photos() const = 0;
   // Pixels of the points of a photo; centre of the first pixel at (0, 0).
   virtual const std::vector<Eigen::Vector2d>& pixels(int photo) const = 0;
-  // Points of photo a and photo b that prefer each other clearly to all others: seen from either, the other
-  // one is at less than `max_ratio` (0 to 1) of the distance of the second best.
-  // Any number of threads may ask at a time.
-  virtual std::vector<std::pair<int, int>> match(int a, int b, float max_ratio) const = 0;
+  // Matches of photo a and photo b whose ratio is less than `max_ratio`, 0 to 1, in the order of the points
+  // of a. Any number of threads may ask at a time.
+  virtual std::vector<PhotoMatch> match(int a, int b, float max_ratio) const = 0;
   // What the points of a photo look like, in 256 bits each, for an index of many photos.
   virtual std::vector<Descriptor> codes(int photo) const = 0;
 };

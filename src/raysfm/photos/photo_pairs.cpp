@@ -1,6 +1,7 @@
 #include "raysfm/photos/photo_pairs.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "raysfm/places/place_index.h"
 #include "raysfm/projective/view_pair.h"
@@ -26,26 +27,38 @@ uint64_t stream_of(int a, int b) {
   return (uint64_t{static_cast<uint32_t>(a)} << 32) + static_cast<uint32_t>(b);
 }
 
+// Two photos and what is clear enough of their matches.
+struct ClearPair {
+  int a, b;
+  SamePoints matches;
+};
+
+ClearPair clear_matches(const MatchedPairs& pairs, int number, float max_ratio) {
+  ClearPair pair{pairs.photos[number].first, pairs.photos[number].second, {}};
+  for (const PhotoMatch& match : pairs.matches[number]) {
+    if (match.ratio < max_ratio) pair.matches.emplace_back(match.in_a, match.in_b);
+  }
+  return pair;
+}
+
 // Of one central camera.
-SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, const Camera& camera,
+SamePoints same_points_along_rays(const PhotoFeatures& features, const ClearPair& pair, const Camera& camera,
                                   const PairOptions& options) {
   SamePoints found;
   std::vector<Eigen::Vector3d> bearings[2];
-  for (const std::pair<int, int>& match : features.match(a, b, options.max_ratio)) {
+  for (const auto& [a, b] : pair.matches) {
     Ray in_a, in_b;
-    if (!camera.ray(features.pixels(a)[match.first], &in_a) ||
-        !camera.ray(features.pixels(b)[match.second], &in_b)) {
+    if (!camera.ray(features.pixels(pair.a)[a], &in_a) || !camera.ray(features.pixels(pair.b)[b], &in_b))
       continue;
-    }
-    found.push_back(match);
+    found.emplace_back(a, b);
     bearings[0].push_back(in_a.direction);
     bearings[1].push_back(in_b.direction);
   }
   EssentialRansac estimator(bearings[0], bearings[1], options.max_error_px / camera.pixels_per_radian());
   Eigen::Matrix3d essential;
-  const RansacReport report =
-      ransac(estimator, {.max_iterations = kPairSamples, .seed = options.seed, .stream = stream_of(a, b)},
-             &essential);
+  const RansacReport report = ransac(
+      estimator, {.max_iterations = kPairSamples, .seed = options.seed, .stream = stream_of(pair.a, pair.b)},
+      &essential);
   if (!report.found() || report.score.inliers < kMinPairInliers) return {};
   SamePoints same;
   for (int i = 0; i < estimator.size(); ++i) {
@@ -54,21 +67,21 @@ SamePoints same_points_along_rays(const PhotoFeatures& features, int a, int b, c
   return same;
 }
 
-SamePoints same_points(const PhotoFeatures& features, int a, int b, const PairOptions& options) {
-  const std::vector<std::pair<int, int>> found = features.match(a, b, options.max_ratio);
+SamePoints same_points(const PhotoFeatures& features, const ClearPair& pair, const PairOptions& options) {
   PairMatches matches;
-  for (size_t i = 0; i < found.size(); ++i) {
-    matches.points.push_back(static_cast<int>(i));
-    matches.a.push_back(features.pixels(a)[found[i].first]);
-    matches.b.push_back(features.pixels(b)[found[i].second]);
+  for (const auto& [a, b] : pair.matches) {
+    matches.points.push_back(static_cast<int>(matches.points.size()));
+    matches.a.push_back(features.pixels(pair.a)[a]);
+    matches.b.push_back(features.pixels(pair.b)[b]);
   }
-  ViewPair pair;
-  if (!fundamental_ransac(matches, options.max_error_px, kPairSamples, options.seed, stream_of(a, b), &pair))
+  ViewPair geometry;
+  if (!fundamental_ransac(matches, options.max_error_px, kPairSamples, options.seed,
+                          stream_of(pair.a, pair.b), &geometry) ||
+      geometry.inliers < kMinPairInliers)
     return {};
-  if (pair.inliers < kMinPairInliers) return {};
   SamePoints same;
-  for (size_t i = 0; i < pair.inlier.size(); ++i) {
-    if (pair.inlier[i]) same.push_back(found[pair.matches.points[i]]);
+  for (size_t i = 0; i < geometry.inlier.size(); ++i) {
+    if (geometry.inlier[i]) same.push_back(pair.matches[geometry.matches.points[i]]);
   }
   return same;
 }
@@ -97,15 +110,27 @@ std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features,
   return pairs;
 }
 
-std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
-                                      const std::vector<std::pair<int, int>>& pairs,
+MatchedPairs match_pairs(const PhotoFeatures& features, std::vector<std::pair<int, int>> pairs,
+                         const std::atomic<bool>* stop, ThreadPool* pool) {
+  MatchedPairs matched{std::move(pairs), {}};
+  matched.matches.resize(matched.photos.size());
+  pool->parallel_for(static_cast<int>(matched.photos.size()), [&](int i) {
+    if (stop && stop->load()) return;
+    matched.matches[i] = features.match(matched.photos[i].first, matched.photos[i].second, kLooseRatio);
+  });
+  return matched;
+}
+
+std::vector<SamePoints> compare_pairs(const PhotoFeatures& features, const MatchedPairs& pairs,
                                       const PairOptions& options, ThreadPool* pool) {
-  std::vector<SamePoints> same(pairs.size());
-  pool->parallel_for(static_cast<int>(pairs.size()), [&](int i) {
+  std::vector<SamePoints> same(pairs.photos.size());
+  pool->parallel_for(static_cast<int>(pairs.photos.size()), [&](int i) {
     if (options.stop && options.stop->load()) return;
-    const auto [a, b] = pairs[i];
-    same[i] = options.camera ? same_points_along_rays(features, a, b, *options.camera, options)
-                             : same_points(features, a, b, options);
+    const auto& [a, b] = pairs.photos[i];
+    if (!options.posed.empty() && options.posed[a] && options.posed[b]) return;
+    const ClearPair pair = clear_matches(pairs, i, options.max_ratio);
+    same[i] = options.camera ? same_points_along_rays(features, pair, *options.camera, options)
+                             : same_points(features, pair, options);
   });
   return same;
 }

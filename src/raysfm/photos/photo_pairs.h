@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,16 @@ inline constexpr float kClearRatio = 0.65f, kLooseRatio = 0.8f;
 // look alike (places/place_index), and those that were taken one after the other.
 std::vector<std::pair<int, int>> pairs_to_compare(const PhotoFeatures& features, ThreadPool* pool);
 
+// Pairs of photos with their matches, of ratios up to kLooseRatio.
+struct MatchedPairs {
+  std::vector<std::pair<int, int>> photos;
+  std::vector<std::vector<PhotoMatch>> matches;  // one per pair
+};
+
+// Once `stop` is set the rest has none. The same on any number of threads.
+MatchedPairs match_pairs(const PhotoFeatures& features, std::vector<std::pair<int, int>> pairs,
+                         const std::atomic<bool>* stop, ThreadPool* pool);
+
 // Points of two photos that are one by an epipolar geometry: the number of the point in each; empty where
 // there is no such geometry.
 using SamePoints = std::vector<std::pair<int, int>>;
@@ -33,14 +44,14 @@ using SamePoints = std::vector<std::pair<int, int>>;
 struct PairOptions {
   const Camera* camera = nullptr;  // the central one that took all photos, which makes it a matter of rays
   double max_error_px = 3.0;       // of an inlier, > 0
-  float max_ratio = kClearRatio;   // of a match: see PhotoFeatures::match()
+  float max_ratio = kClearRatio;   // of a match, up to kLooseRatio
+  std::span<const uint8_t> posed = {};  // photos two of which are not compared, one mark each; empty: all are
   uint64_t seed = 0;
   const std::atomic<bool>* stop = nullptr;  // set: the rest is empty
 };
 
-// Compares the pairs; one answer each, the same on any number of threads.
-std::vector<SamePoints> compare_pairs(const PhotoFeatures& features,
-                                      const std::vector<std::pair<int, int>>& pairs,
+// Which points of each pair are one; the same on any number of threads.
+std::vector<SamePoints> compare_pairs(const PhotoFeatures& features, const MatchedPairs& pairs,
                                       const PairOptions& options, ThreadPool* pool);
 
 }  // namespace raysfm

@@ -38,9 +38,7 @@ class CircleOfPhotos : public PhotoFeatures {
   Result<void> add(const GrayView& /*image*/, int /*max_features*/) override { return {}; }
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
-  std::vector<std::pair<int, int>> match(int /*a*/, int /*b*/, float /*max_ratio*/) const override {
-    return {};
-  }
+  std::vector<PhotoMatch> match(int /*a*/, int /*b*/, float /*max_ratio*/) const override { return {}; }
   std::vector<Descriptor> codes(int photo) const override { return codes_[photo]; }
 
  private:
@@ -76,7 +74,8 @@ TEST(PhotoPairs, AreNotComparedOnceAskedToStop) {
   const CircleOfPhotos photos(10);
   ThreadPool pool(0);
   const std::atomic<bool> stop = true;
-  const auto same = compare_pairs(photos, pairs_to_compare(photos, &pool), {.stop = &stop}, &pool);
+  const MatchedPairs pairs = match_pairs(photos, pairs_to_compare(photos, &pool), &stop, &pool);
+  const auto same = compare_pairs(photos, pairs, {.stop = &stop}, &pool);
   EXPECT_EQ(same.size(), 45u);
   EXPECT_TRUE(std::ranges::all_of(same, [](const SamePoints& s) { return s.empty(); }));
 }

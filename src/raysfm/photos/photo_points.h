@@ -15,9 +15,10 @@ namespace raysfm {
 // The interest points of all photos in one row, photo after photo, and which of them are one.
 struct PhotoPoints {
   std::shared_ptr<PhotoFeatures> features;
-  std::vector<int> first;                   // point of each photo
-  std::vector<std::array<uint8_t, 3>> rgb;  // one per point
-  std::vector<int> track;                   // one per point: the number of its track, -1: it has none
+  std::shared_ptr<const MatchedPairs> pairs;  // those that were compared; null: none was
+  std::vector<int> first;                     // point of each photo
+  std::vector<std::array<uint8_t, 3>> rgb;    // one per point
+  std::vector<int> track;                     // one per point: the number of its track, -1: it has none
   int tracks = 0;
 };
 

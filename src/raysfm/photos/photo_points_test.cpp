@@ -12,7 +12,7 @@ class Points : public PhotoFeatures {
   Result<void> add(const GrayView& /*image*/, int /*max_features*/) override { return {}; }
   int photos() const override { return static_cast<int>(pixels_.size()); }
   const std::vector<Eigen::Vector2d>& pixels(int photo) const override { return pixels_[photo]; }
-  std::vector<std::pair<int, int>> match(int, int, float) const override { return {}; }
+  std::vector<PhotoMatch> match(int, int, float) const override { return {}; }
   std::vector<Descriptor> codes(int) const override { return {}; }
 
  private:

@@ -147,12 +147,29 @@ TEST(PhotosOfOneLens, TheFocalLengthIsFoundFromGuesses) {
   camera.width = 640, camera.height = 480;
   camera.model = Radtan{kFocal, kFocal, 324, 235, -0.05, 0.1};
   const Photos photos = take_photos(18, 0.05, camera);
-  const int most = static_cast<int>(0.8 * photos.tracks.size());
   const RayReconstruction r =
-      reconstruct_photos_of_one_lens(photos.tracks, 0, most, {.in_order = false, .threads = 2});
+      reconstruct_photos_of_one_lens(photos.tracks, 0, {.in_order = false, .threads = 2});
   ASSERT_EQ(r.posed, 18);
   EXPECT_NEAR(std::get<Radtan>(r.camera.model).fx, kFocal, 0.02 * kFocal);
   EXPECT_LT(largest_error(photos, r), 0.03);
+}
+
+// What agreed before a lens is changed takes part in what follows, however far off it is then.
+TEST(PhotosOfOneLens, GuessesFarTooShortAndFarTooLongComeOutRight) {
+  constexpr double kFocal = 1100;
+  Camera camera;
+  camera.width = 640, camera.height = 480;
+  camera.model = Radtan{kFocal, kFocal, 324, 235, -0.05, 0.1};
+  const Photos photos = take_photos(18, 0.05, camera);
+  const double by_truth = agreeing_share(photos.tracks, reconstructed(photos));
+  for (const double guess : {0.5 * kFocal, 0.8 * kFocal, 1.7 * kFocal, 2.5 * kFocal}) {
+    camera.model = Radtan{guess, guess, 319.5, 239.5};
+    const RayReconstruction r =
+        reconstruct_along_rays(photos.tracks, camera, {.in_order = false, .threads = 2});
+    EXPECT_EQ(r.posed, 18) << guess;
+    EXPECT_NEAR(std::get<Radtan>(r.camera.model).fx, kFocal, 0.02 * kFocal) << guess;
+    EXPECT_GT(agreeing_share(photos.tracks, r), 0.99 * by_truth) << guess;
+  }
 }
 
 TEST(ThreesInSight, SeeEnoughInCommonAndTheSecondIsBetweenTheOthers) {

@@ -5,11 +5,11 @@
 namespace raysfm {
 
 // Reconstructs photos of one perspective lens that is not known from guesses of its focal length, one after
-// the other, and of `focal`, pixels, first where that is above 0. The one that poses most photos, of equal
-// ones that with which most observations agree; one guess that poses all of them is enough where more than
-// `enough` observations agree. Guesses that are too long come out right, to 1.6 times at least; those that
-// are too short by a sixth do not.
-RayReconstruction reconstruct_photos_of_one_lens(const PointTracks& tracks, double focal, int enough,
+// the other, and of `focal`, pixels, first where that is above 0; until two guesses lead to the same lens and
+// about as many photos. The one that poses most photos, of equal ones that with which most observations
+// agree; nothing where less than half of them agree. Photos that zoom have a reconstruction with one lens too
+// as long as they are alike enough: it is for the caller to ask which of the two they are.
+RayReconstruction reconstruct_photos_of_one_lens(const PointTracks& tracks, double focal,
                                                  const RayOptions& options);
 
 }  // namespace raysfm

@@ -81,7 +81,7 @@ class RayGrowth {
  public:
   RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOptions& options);
 
-  // `avoided`: images that a start is to leave alone, one each.
+  // `avoided`: images two of which make no start, one mark each.
   bool start(std::span<const uint8_t> avoided);
   void go_on_from(const RayReconstruction& start);
   void complete();
@@ -282,7 +282,7 @@ bool RayGrowth::start_anywhere(std::span<const uint8_t> avoided) {
   std::vector<int> points, best_points;
   for (const std::array<int, 3>& images : threes_in_sight(tracks_, of_image_)) {
     if (stopped()) break;
-    if (std::ranges::any_of(images, [&](int j) { return avoided[j] != 0; })) continue;
+    if (std::ranges::count_if(images, [&](int j) { return avoided[j] != 0; }) > 1) continue;
     ThreeViewStart start = three_view_start(images, &points);
     const double worth = start.inlier_count * std::min(1.0, start.median_parallax / kGoodParallax);
     if (!start.ok() || worth <= best) continue;
@@ -413,11 +413,13 @@ ProblemPart RayGrowth::part() const {
 }
 
 void RayGrowth::adjust() {
-  // Before an adjustment to another lens residuals are large all over.
+  // Before an adjustment to another lens residuals are large all over: what agreed with the lens before takes
+  // part whatever they are.
   constexpr double kWide = 5;
   ProblemPart part = this->part();
   const BundleProblem problem = part.problem();
   update_inliers(problem, kWide * max_error_);
+  for (size_t i = 0; i < part.inlier.size(); ++i) part.inlier[i] |= r_.inlier[part.observation[i]];
   const BundleOptions options{.loss = kRayLoss,
                               .max_iterations = kIterations,
                               .min_relative_decrease = 1e-4,
@@ -597,6 +599,18 @@ void RayGrowth::take_sigma() {
 
 }  // namespace
 
+double agreeing_share(const PointTracks& tracks, const RayReconstruction& r) {
+  std::vector<int> seen(tracks.point_count, 0);
+  for (int k = 0; k < tracks.size(); ++k) seen[tracks.point[k]] += r.image_posed[tracks.image[k]];
+  int all = 0, agreeing = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!r.image_posed[tracks.image[k]] || seen[tracks.point[k]] < 2) continue;
+    ++all;
+    agreeing += r.inlier[k];
+  }
+  return all > 0 ? agreeing / double(all) : 0;
+}
+
 RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
                                          const RayOptions& options) {
   if (options.start) {
@@ -606,18 +620,24 @@ RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera
     return std::move(growth.result());
   }
   RayReconstruction best;
-  std::vector<uint8_t> seen(tracks.image_count, 0);  // by a reconstruction
+  std::vector<uint8_t> tried(tracks.image_count, 0);  // as starts, or posed by one
+  std::vector<uint8_t> sees(tracks.image_count, 0);
+  for (const int image : tracks.image) sees[image] = 1;
+  const double most = kMost * static_cast<double>(std::ranges::count(sees, 1));
   for (int i = 0; i < (options.in_order ? 1 : kStarts); ++i) {
     RayGrowth growth(tracks, guess, options);
-    const bool started = growth.start(seen);
+    const bool started = growth.start(tried);
     if (started) {
       growth.complete();
       growth.take_sigma();
     }
     RayReconstruction& found = growth.result();
-    for (int j = 0; j < tracks.image_count; ++j) seen[j] |= found.image_posed[j];
+    for (int j = 0; j < tracks.image_count; ++j) tried[j] |= found.image_posed[j];
+    for (const int j : found.start_images) {
+      if (j >= 0) tried[j] = 1;
+    }
     if (i == 0 || found.posed > best.posed) best = std::move(found);
-    if (!started || best.posed >= kMost * tracks.image_count) break;
+    if (!started || best.posed >= most) break;
   }
   return best;
 }

@@ -54,6 +54,10 @@ struct RayReconstruction {
 RayReconstruction reconstruct_along_rays(const PointTracks& tracks, const Camera& guess,
                                          const RayOptions& options);
 
+// Of the observations in posed images, of points that two of them see: the share that agrees with the
+// reconstruction; 0 without any.
+double agreeing_share(const PointTracks& tracks, const RayReconstruction& r);
+
 // Difference of an observation's pixel to where the reconstruction sees its point; false where it sees none,
 // or image or point have no place.
 bool pixel_residual(const PointTracks& tracks, const RayReconstruction& r, int observation,

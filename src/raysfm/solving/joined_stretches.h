@@ -7,8 +7,7 @@
 
 namespace raysfm {
 
-// The tracks of a video whose stretches were joined, or of photos that were compared again, and what was
-// found of them before, by their points.
+// The tracks of a video whose stretches were joined, and what was found of them before, by their points.
 struct JoinedStretches {
   SolveInput input;
   std::optional<UncalibratedReconstruction> start;

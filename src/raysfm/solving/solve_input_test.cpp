@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "raysfm/api/solve.h"
 #include "raysfm/files/text_file.h"
 #include "raysfm/frames/image_writer.h"
 #include "raysfm/frames/png_chunks.h"

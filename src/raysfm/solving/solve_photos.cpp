@@ -109,21 +109,26 @@ void compare_photos(const std::string& stage_name, std::span<const uint8_t> pose
                     const SolveSettings& settings, const std::atomic<bool>* stop, SolveInput* input) {
   ThreadPool pool(thread_count(settings.threads) - 1);
   PhotoPoints& points = input->photo_points;
-  auto pairs = [&] {
-    const ScopedTimer timer(stage("retrieve", input));
-    return pairs_to_compare(*points.features, &pool);
-  }();
+  if (!points.pairs) {
+    auto pairs = [&] {
+      const ScopedTimer timer(stage("retrieve", input));
+      return pairs_to_compare(*points.features, &pool);
+    }();
+    const ScopedTimer timer(stage("match", input));
+    points.pairs =
+        std::make_shared<MatchedPairs>(match_pairs(*points.features, std::move(pairs), stop, &pool));
+  }
   {
     const ScopedTimer timer(stage(stage_name, input));
-    std::erase_if(pairs, [&](const auto& pair) { return posed[pair.first] && posed[pair.second]; });
-    const auto same = compare_pairs(*points.features, pairs,
+    const auto same = compare_pairs(*points.features, *points.pairs,
                                     {.camera = input->camera ? &*input->camera : nullptr,
                                      .max_error_px = settings.max_error,
                                      .max_ratio = max_ratio,
+                                     .posed = posed,
                                      .seed = settings.seed,
                                      .stop = stop},
                                     &pool);
-    join_same_points(pairs, same, &points);
+    join_same_points(points.pairs->photos, same, &points);
   }
   collect_tracks(input);
 }

@@ -17,8 +17,9 @@ namespace raysfm {
 // superfluous numbers would (chi-squared). Errors that are alike along a track lower it too: there it must
 // fall by what the Bayesian information criterion asks for, and the focal length must change by more than
 // such errors bring about, or the residuals fall by what they cannot; and change in the images whose
-// residuals fall. Errors that are alike in an image lower it by a few percent, and the focal length must
-// change too.
+// residuals fall. Errors that are alike in an image lower it by a few percent, and matches that are wrong by
+// far more in a few images: there the rms of most images must fall by a twentieth, and the focal length
+// change.
 Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::span<const uint8_t> compared,
                                                Result<UncalibratedReconstruction> fixed,
                                                Result<UncalibratedReconstruction> zoom, double max_error_px,

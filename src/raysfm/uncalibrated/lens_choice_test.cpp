@@ -107,6 +107,34 @@ TEST(LensChoice, ChangeInImagesThatGainNothingByItIsNoZoom) {
   EXPECT_GT(chosen->lens_gain, 1.15);
 }
 
+// Of photos, so many have another focal length, and residuals that it explains.
+bool photos_zoom(int photos) {
+  constexpr double kSpread = 0.3, kNoise = 1.0;
+  const Seen seen = look();
+  const UncalibratedReconstruction fixed = with(seen.truth, 0, 0, false);
+  UncalibratedReconstruction zoom = fixed;
+  zoom.zooming = true;
+  for (int j = 0; j < photos; ++j)
+    zoom.scene.lenses[j] = {500 * (1 + kSpread), 500 * (1 + kSpread), 320, 240, 0};
+  PointTracks tracks = seen.tracks;
+  Rng rng(6);
+  for (int k = 0; k < tracks.size(); ++k) {
+    tracks.pixel[k] += pixel_residual(tracks, zoom.scene, {}, k);
+    tracks.pixel[k] += kNoise * Eigen::Vector2d(rng.normal(), rng.normal());
+  }
+  const std::vector<uint8_t> all(kChoiceImages, 1);
+  const auto chosen = choose_lens(tracks, all, fixed, zoom, 50, ErrorRelation::kWithinImages);
+  EXPECT_TRUE(chosen);
+  EXPECT_GT(chosen->lens_gain, 2);
+  EXPECT_GT(chosen->lens_spread, 0.03);
+  return chosen->zooming;
+}
+
+TEST(LensChoice, AFewPhotosInWrongPlacesAreNoZoom) {
+  EXPECT_FALSE(photos_zoom(2));
+  EXPECT_TRUE(photos_zoom(6));
+}
+
 TEST(LensChoice, ErrorsOfTheirOwnTellSmallChangesToo) {
   EXPECT_TRUE(zooms(1.0, 0.1, 0.006, ErrorRelation::kNone));
   EXPECT_FALSE(zooms(0.5, 0.5, 0.0, ErrorRelation::kNone));

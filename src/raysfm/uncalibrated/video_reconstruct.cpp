@@ -385,10 +385,10 @@ Result<UncalibratedReconstruction> reconstruct_video(const PointTracks& tracks,
   return result;
 }
 
-ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
+ZoomSigns signs_of_zoom(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                        const SolveOptions& options, ErrorRelation errors,
                         const UncalibratedReconstruction& fixed) {
   const PointTracks ideal = ideal_tracks(tracks, fixed);
-  const std::vector<uint8_t> all(tracks.image_count, 1);
   UncalibratedReconstruction one = fixed;
   one.radial = {};
   one.zooming = false;
@@ -397,10 +397,10 @@ ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
   for (UncalibratedReconstruction* r : {&one, &many}) {
     SolveOptions own = options;
     own.lens = r->zooming ? LensChange::kZoom : LensChange::kFixed;
-    if (!VideoGrowth(ideal, all, own, r).grow({})) return {};
+    if (!VideoGrowth(ideal, keyframe, own, r).grow({})) return {};
   }
-  Result<UncalibratedReconstruction> chosen = choose_lens(ideal, all, std::move(one), std::move(many),
-                                                          options.max_error_px, ErrorRelation::kAlongTracks);
+  Result<UncalibratedReconstruction> chosen =
+      choose_lens(ideal, keyframe, std::move(one), std::move(many), options.max_error_px, errors);
   if (!chosen) return {};
   return {chosen->zooming, std::move(chosen->lens_evidence), chosen->lens_gain, chosen->lens_spread};
 }

@@ -40,12 +40,13 @@ struct ZoomSigns {
   double gain = 0, spread = 0;  // as lens_gain and lens_spread of UncalibratedReconstruction
 };
 
-// Whether a lens for each image explains the tracks of a video, all of whose images are key frames, so much
+// Whether a lens for each image explains the tracks of the images that take part (1 in `keyframe`) so much
 // better than the one lens in `fixed` that the camera seems to zoom: from there, each image gets a lens of
 // its own in one short adjustment, and choose_lens() compares the two. That takes a twentieth of the time of
 // finding `fixed`, and leaves the lenses short of what they are in the end: of a zoom by 1.2 it may see
 // nothing, above all where the camera goes the way it looks.
-ZoomSigns signs_of_zoom(const PointTracks& tracks, const SolveOptions& options,
+ZoomSigns signs_of_zoom(const PointTracks& tracks, std::span<const uint8_t> keyframe,
+                        const SolveOptions& options, ErrorRelation errors,
                         const UncalibratedReconstruction& fixed);
 
 }  // namespace raysfm

@@ -89,7 +89,8 @@ TEST(ReconstructVideo, OneLensOfAZoomShowsSignsOfIt) {
     const SolveOptions one{.lens = LensChange::kFixed};
     const auto fixed = reconstruct_video(walk.tracks, walk.keyframe, one);
     ASSERT_TRUE(fixed.ok()) << fixed.error().message;
-    const ZoomSigns signs = signs_of_zoom(walk.tracks, one, *fixed);
+    const ZoomSigns signs =
+        signs_of_zoom(walk.tracks, walk.keyframe, one, ErrorRelation::kAlongTracks, *fixed);
     EXPECT_EQ(signs.zooms, zoom > 0) << zoom << ": " << signs.evidence;
   }
 }

@@ -1,0 +1,201 @@
+#include "raysfm/solving/reconstruct_photos.h"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "raysfm/core/thread_pool.h"
+#include "raysfm/photos/photo_lenses.h"
+#include "raysfm/photos/photo_points.h"
+#include "raysfm/ray_lenses/photos_of_one_lens.h"
+#include "raysfm/solving/reconstruct_input.h"
+#include "raysfm/solving/solve_photos.h"
+#include "raysfm/uncalibrated/dense_groups.h"
+#include "raysfm/uncalibrated/solution.h"
+#include "raysfm/uncalibrated/video_reconstruct.h"
+
+namespace raysfm {
+namespace {
+
+constexpr double kHalf = 0.5;  // of the photos
+// Groups of many photos among which a lens is looked for, and photos of each.
+constexpr int kGroups = 3, kGroupPhotos = 40;
+
+RayOptions ray_options(const SolveInput& input, const SolveSettings& settings,
+                       const SolveCallbacks& callbacks) {
+  RayOptions options{.max_error_px = settings.max_error,
+                     .in_order = false,
+                     .seed = settings.seed,
+                     .threads = thread_count(settings.threads),
+                     .stopped = [&callbacks] { return callbacks.stopped(); }};
+  if (callbacks.progress) {
+    options.progress = [&callbacks, photos = static_cast<int>(input.names.size())](int posed) {
+      callbacks.progress("photo", posed, photos);
+    };
+  }
+  return options;
+}
+
+void mark_inliers(const PointTracks& tracks, double max_error, UncalibratedReconstruction* found) {
+  found->inlier = agreeing_observations(tracks, found->scene, found->radial, found->image_posed,
+                                        found->point_placed, max_error);
+}
+
+// What was found along the rays of one perspective lens.
+UncalibratedReconstruction start_from(const RayReconstruction& rays, const PointTracks& tracks,
+                                      double max_error) {
+  const Radtan& model = std::get<Radtan>(rays.camera.model);
+  const Lens lens{model.fx, model.fy, model.cx, model.cy, 0};
+  UncalibratedReconstruction start;
+  start.scene.cam_from_world = rays.cam_from_world;
+  start.scene.points = rays.points;
+  start.scene.lenses.assign(tracks.image_count, lens);
+  start.radial = {model.k1, model.k2};
+  start.image_posed = rays.image_posed;
+  start.point_placed = rays.point_placed;
+  start.lens_sigma.assign(tracks.image_count, LensVector::Constant(std::numeric_limits<double>::infinity()));
+  std::copy_n(rays.start_images.begin(), 2, start.start_images);
+  start.start_inliers = rays.start_inliers;
+  mark_inliers(tracks, max_error, &start);
+  return start;
+}
+
+// The same with one lens or one for each photo, as is asked for or as the photos themselves say.
+void choose_lenses(const PointTracks& tracks, const SolveSettings& settings, const SolveCallbacks& callbacks,
+                   UncalibratedReconstruction* start) {
+  start->zooming = settings.lens == "zoom";
+  start->lens_evidence = "as asked for";
+  if (settings.lens != "auto") return;
+  ZoomSigns signs = signs_of_zoom(tracks, start->image_posed, solve_options(settings, callbacks.stop),
+                                  ErrorRelation::kWithinImages, *start);
+  start->zooming = signs.zooms;
+  start->lens_evidence = std::move(signs.evidence);
+  start->lens_gain = signs.gain;
+  start->lens_spread = signs.spread;
+}
+
+// What these photos see alone, the others seeing nothing.
+PointTracks seen_by(const PointTracks& tracks, std::span<const int> photos) {
+  std::vector<uint8_t> is_one(tracks.image_count, 0);
+  for (const int j : photos) is_one[j] = 1;
+  PointTracks seen;
+  seen.image_count = tracks.image_count;
+  seen.point_count = tracks.point_count;
+  seen.image_size = tracks.image_size;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (is_one[tracks.image[k]]) seen.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
+  }
+  return seen;
+}
+
+// Of many photos a group that sees much of one another.
+RayReconstruction start_along_rays(const PointTracks& tracks, double focal, const RayOptions& options) {
+  if (tracks.image_count <= kMostInAllPairs) return reconstruct_photos_of_one_lens(tracks, focal, options);
+  RayReconstruction best;
+  for (const std::vector<int>& group : dense_groups(tracks, kGroupPhotos, kGroups)) {
+    RayReconstruction found = reconstruct_photos_of_one_lens(seen_by(tracks, group), focal, options);
+    if (found.posed > best.posed) best = std::move(found);
+    if (best.posed >= kHalf * static_cast<double>(group.size())) break;
+  }
+  return best;
+}
+
+Result<UncalibratedReconstruction> along_rays(SolveInput* input, const SolveSettings& settings,
+                                              const SolveCallbacks& callbacks) {
+  const ExifLens* said = lens_to_use(&input->exif);
+  const RayReconstruction rays =
+      start_along_rays(input->tracks, said ? said->focal_px : 0, ray_options(*input, settings, callbacks));
+  if (rays.posed == 0) return no_reconstruction("no three photos start a reconstruction with one lens");
+  UncalibratedReconstruction start = start_from(rays, input->tracks, settings.max_error);
+  choose_lenses(input->tracks, settings, callbacks, &start);
+  return reconstruct_input(input, settings, callbacks, &start);
+}
+
+// Whether more photos have a pose. A lens for each photo explains matches that are wrong too: where one lens
+// explains some of the photos, it must do for most.
+bool is_better(const Result<UncalibratedReconstruction>& found,
+               const Result<UncalibratedReconstruction>& before) {
+  if (!found || !before) return found.ok();
+  if (found->zooming && !before->zooming && reached_share(found) < kGoodShare) return false;
+  return reached_share(found) > reached_share(before);
+}
+
+// Of the tracks as they are.
+Result<UncalibratedReconstruction> reconstruct_anew(SolveInput* input, const SolveSettings& settings,
+                                                    const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = along_rays(input, settings, callbacks);
+  if (reached_share(found) >= kHalf || callbacks.stopped()) return found;
+  Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks);
+  return !found || is_better(other, found) ? std::move(other) : std::move(found);
+}
+
+// What was found of photos, by the tracks that they have now.
+UncalibratedReconstruction start_from(UncalibratedReconstruction found, const SolveInput& before,
+                                      const SolveInput& now, double max_error) {
+  renumber_points(tracks_now(before.photo_points, now.photo_points), now.tracks.point_count,
+                  &found.scene.points, &found.point_placed);
+  mark_inliers(now.tracks, max_error, &found);
+  return found;
+}
+
+// Photos compared by what is less clear too, as if nothing had been found of them.
+std::optional<SolveInput> compared_afresh(SolveInput input, const SolveSettings& settings,
+                                          const SolveCallbacks& callbacks) {
+  input.photo_points.track.clear();
+  input.photo_points.tracks = 0;
+  const std::vector<uint8_t> none(input.names.size(), 0);
+  return with_loose_matches(input, none, settings, callbacks);
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
+                                                      const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = reconstruct_anew(input, settings, callbacks);
+  const auto take_if_better = [&](SolveInput loose, const UncalibratedReconstruction* start) {
+    Result<UncalibratedReconstruction> other = start ? reconstruct_input(&loose, settings, callbacks, start)
+                                                     : reconstruct_anew(&loose, settings, callbacks);
+    if (!is_better(other, found)) return;
+    *input = std::move(loose);
+    found = std::move(other);
+  };
+  if (found) {
+    if (auto loose = with_loose_matches(*input, found->image_posed, settings, callbacks)) {
+      const UncalibratedReconstruction start = start_from(*found, *input, *loose, settings.max_error);
+      take_if_better(*std::move(loose), &start);
+    }
+  }
+  if (reached_share(found) < kGoodShare) {
+    if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose), nullptr);
+  }
+  return found;
+}
+
+RayReconstruction reconstruct_photos_of_camera(SolveInput* input, const SolveSettings& settings,
+                                               const SolveCallbacks& callbacks) {
+  RayOptions options = ray_options(*input, settings, callbacks);
+  options.is_known = true;
+  RayReconstruction found = reconstruct_along_rays(input->tracks, *input->camera, options);
+  const auto take_if_better = [&](SolveInput loose) {
+    RayReconstruction other = reconstruct_along_rays(loose.tracks, *input->camera, options);
+    if (other.posed <= found.posed) return;
+    *input = std::move(loose);
+    found = std::move(other);
+  };
+  if (found.posed > 0) {
+    std::optional<SolveInput> loose = with_loose_matches(*input, found.image_posed, settings, callbacks);
+    if (!loose) return found;
+    RayReconstruction start = found;
+    renumber_points(tracks_now(input->photo_points, loose->photo_points), loose->tracks.point_count,
+                    &start.points, &start.point_placed);
+    options.start = &start;
+    take_if_better(*std::move(loose));
+    options.start = nullptr;
+  }
+  if (found.posed == std::ssize(input->names)) return found;
+  if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose));
+  return found;
+}
+
+}  // namespace raysfm

@@ -1,0 +1,22 @@
+#pragma once
+
+#include "raysfm/ray_lenses/ray_reconstruction.h"
+#include "raysfm/solving/solve_input.h"
+#include "raysfm/uncalibrated/reconstruct.h"
+
+namespace raysfm {
+
+// Structure, motion and lenses of photos (tracks_from_photos()), by what is clear of their matches first:
+// along the rays of one lens that is guessed, from where a lens for each photo is tried; projectively where
+// that poses less than half of them. Photos that stay out are compared less strictly, to go on from what
+// there is, and from the start where more than a fifth are out. `input` becomes what the reconstruction is
+// of. Errors: as reconstruct_input().
+Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
+                                                      const SolveCallbacks& callbacks);
+
+// Structure and motion of photos, or tracks in a file, of the camera that is given, input->camera; compared
+// less strictly in the same way where any photo stays out. posed = 0: no three images start a reconstruction.
+RayReconstruction reconstruct_photos_of_camera(SolveInput* input, const SolveSettings& settings,
+                                               const SolveCallbacks& callbacks);
+
+}  // namespace raysfm
