@@ -19,6 +19,7 @@ namespace raysfm {
 namespace {
 
 constexpr double kHalf = 0.5;  // of the photos
+constexpr double kAboutAsMany = 0.9;
 // Groups of many photos among which a lens is looked for, and photos of each.
 constexpr int kGroups = 3, kGroupPhotos = 40;
 
@@ -121,13 +122,37 @@ bool is_better(const Result<UncalibratedReconstruction>& found,
   return reached_share(found) > reached_share(before);
 }
 
-// Of the tracks as they are.
+// Whether `a` explains what both have in common better than `b`, errors counting no more than the largest
+// that is allowed.
+bool is_closer(const PointTracks& tracks, double max_error, const UncalibratedReconstruction& a,
+               const UncalibratedReconstruction& b) {
+  const auto cost = [&](const UncalibratedReconstruction& r, int k) {
+    return std::min(max_error * max_error, pixel_residual(tracks, r.scene, r.radial, k).squaredNorm());
+  };
+  double of_a = 0, of_b = 0;
+  for (int k = 0; k < tracks.size(); ++k) {
+    const int image = tracks.image[k], point = tracks.point[k];
+    if (!a.image_posed[image] || !b.image_posed[image] || !a.point_placed[point] || !b.point_placed[point])
+      continue;
+    of_a += cost(a, k);
+    of_b += cost(b, k);
+  }
+  return of_a < of_b;
+}
+
+// Of the tracks as they are. Photos that zoom are reconstructed without one lens too: what it has bent of
+// them growth does not always bend back.
 Result<UncalibratedReconstruction> reconstruct_anew(SolveInput* input, const SolveSettings& settings,
                                                     const SolveCallbacks& callbacks) {
   Result<UncalibratedReconstruction> found = along_rays(input, settings, callbacks);
-  if (reached_share(found) >= kHalf || callbacks.stopped()) return found;
+  const bool zooms = found && found->zooming;
+  if ((!zooms && reached_share(found) >= kGoodShare) || callbacks.stopped()) return found;
   Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks);
-  return !found || is_better(other, found) ? std::move(other) : std::move(found);
+  const auto [fewer, more] = std::minmax({reached_share(found), reached_share(other)});
+  const bool take_other = found && other && zooms && fewer >= kAboutAsMany * more
+                              ? is_closer(input->tracks, settings.max_error, *other, *found)
+                              : !found || is_better(other, found);
+  return take_other ? std::move(other) : std::move(found);
 }
 
 // What was found of photos, by the tracks that they have now.

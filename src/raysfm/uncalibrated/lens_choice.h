@@ -18,7 +18,7 @@ namespace raysfm {
 // fall by what the Bayesian information criterion asks for, and the focal length must change by more than
 // such errors bring about, or the residuals fall by what they cannot; and change in the images whose
 // residuals fall. Errors that are alike in an image lower it by a few percent, and matches that are wrong by
-// far more in a few images: there the rms of most images must fall by a twentieth, and the focal length
+// far more in a few images: there the rms of most images must fall by an eighth, and the focal length
 // change.
 Result<UncalibratedReconstruction> choose_lens(const PointTracks& tracks, std::span<const uint8_t> compared,
                                                Result<UncalibratedReconstruction> fixed,
