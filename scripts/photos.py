@@ -125,7 +125,8 @@ def judged_raysfm(folder, outputs):
         return result | {"message": outputs[-4].error}
     report = json.loads(path.read_text())
     timing = report["timing"]
-    compare = timing["compare"]["mean_ms"] * timing["compare"]["count"] / 1000
+    compare = sum(timing[stage]["mean_ms"] * timing[stage]["count"] / 1000
+                  for stage in ("match", "compare", "compare again") if stage in timing)
     return result | {"sigma_percent": stated_sigma(report), "lens": report["lens"], "distortion": report["distortion"],
                      "reasons": {f["image"]: f["reason"] for f in report["frames"]["without_pose"]},
                      "compare_percent": 100 * compare / timing["wall_s"]}
