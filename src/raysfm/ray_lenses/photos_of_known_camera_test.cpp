@@ -141,12 +141,17 @@ TEST(PhotosOfKnownCamera, GoesOnFromAReconstructionOfAPart) {
   EXPECT_LT(largest_error(photos, all), 0.01);
 }
 
-TEST(PhotosOfOneLens, TheFocalLengthIsFoundFromGuesses) {
-  constexpr double kFocal = 1100;
+constexpr double kFocal = 1100;
+
+Photos photos_of_one_lens() {
   Camera camera;
   camera.width = 640, camera.height = 480;
   camera.model = Radtan{kFocal, kFocal, 324, 235, -0.05, 0.1};
-  const Photos photos = take_photos(18, 0.05, camera);
+  return take_photos(18, 0.05, camera);
+}
+
+TEST(PhotosOfOneLens, TheFocalLengthIsFoundFromGuesses) {
+  const Photos photos = photos_of_one_lens();
   const RayReconstruction r =
       reconstruct_photos_of_one_lens(photos.tracks, 0, {.in_order = false, .threads = 2});
   ASSERT_EQ(r.posed, 18);
@@ -156,13 +161,10 @@ TEST(PhotosOfOneLens, TheFocalLengthIsFoundFromGuesses) {
 
 // What agreed before a lens is changed takes part in what follows, however far off it is then.
 TEST(PhotosOfOneLens, GuessesFarTooShortAndFarTooLongComeOutRight) {
-  constexpr double kFocal = 1100;
-  Camera camera;
-  camera.width = 640, camera.height = 480;
-  camera.model = Radtan{kFocal, kFocal, 324, 235, -0.05, 0.1};
-  const Photos photos = take_photos(18, 0.05, camera);
+  const Photos photos = photos_of_one_lens();
   const double by_truth = agreeing_share(photos.tracks, reconstructed(photos));
   for (const double guess : {0.3 * kFocal, 0.8 * kFocal, 1.7 * kFocal, 3.5 * kFocal}) {
+    Camera camera = photos.camera;
     camera.model = Radtan{guess, guess, 319.5, 239.5};
     const RayReconstruction r =
         reconstruct_along_rays(photos.tracks, camera, {.in_order = false, .threads = 2});
