@@ -127,8 +127,11 @@ def judged_raysfm(folder, outputs):
     timing = report["timing"]
     compare = sum(timing[stage]["mean_ms"] * timing[stage]["count"] / 1000
                   for stage in ("match", "compare", "compare again") if stage in timing)
+    reasons = {f["image"]: f["reason"] for f in report["frames"]["without_pose"]}
+    for world in report["worlds"][1:]:
+        reasons |= {name: f"in {world['folder']}" for name in posed_photos(folder / "o" / world["folder"] / "sparse")}
     return result | {"sigma_percent": stated_sigma(report), "lens": report["lens"], "distortion": report["distortion"],
-                     "reasons": {f["image"]: f["reason"] for f in report["frames"]["without_pose"]},
+                     "reasons": reasons,
                      "compare_percent": 100 * compare / timing["wall_s"]}
 
 
@@ -351,7 +354,7 @@ ABOUT_COLMAP = (
 ABOUT_HALVES = (
     "`random.Random(1000 + seed).sample(range(n), n // 2)` of Python says which of the n photos, counted in the order "
     f"of their names, are a half; seeds {SEEDS[0]} to {SEEDS[-1]}. Both programs see the same photos; COLMAP's "
-    "features and matches are those of the whole sets. Medians and largest errors are over the halves.")
+    "features and matches are those of the whole sets. Counted is the main world, as COLMAP's largest model. Medians and largest errors are over the halves.")
 
 
 def whole_sets(results):

@@ -57,6 +57,11 @@ void print_solve_summary(const SolveResult& result, const std::string& out) {
   const Reconstruction& r = result.reconstruction;
   std::printf("%d of %zu frames posed, %zu points, rms %.2f px\n", posed_count(r), r.frames.size(),
               r.points.size(), r.rms_reprojection_px);
+  if (const size_t worlds = worlds_in_order(r).size(); worlds > 1) {
+    std::printf(
+        "%zu worlds that share neither frame nor scale: the largest is at the top, the others in worlds/\n",
+        worlds);
+  }
   if (const auto& lens = result.report.lens)
     std::printf("lens %s: %s\n", lens->zooming ? "zooming" : "fixed", lens->evidence.c_str());
   if (const FrameLens* middle = middle_lens(r)) print_lens(*middle);

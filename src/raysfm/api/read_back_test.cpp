@@ -6,6 +6,7 @@
 #include "raysfm/api/track.h"
 #include "raysfm/results/output_folder.h"
 #include "raysfm/results/reconstruction_folder.h"
+#include "raysfm/results/trajectory_file.h"
 #include "raysfm/settings/config.h"
 #include "support/shared_data.h"
 #include "support/temporary_folder.h"
@@ -88,6 +89,39 @@ TEST(ReadBack, SolveOfAZoomingLens) {
   EXPECT_EQ(made->reconstruction.lenses.size(), made->reconstruction.frames.size());
   ASSERT_TRUE(write_solve_output(*made, settings, "0", folder.path()).ok());
   expect_read_back(folder.path(), made->reconstruction);
+}
+
+// Three photos of the temple see nothing of what the other six see: a world of their own.
+TEST(ReadBack, SolveOfPhotosThatFallApart) {
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA("temple-ring");
+  const TemporaryFolder folder;
+  SolveSettings settings;
+  settings.input = (folder.path() / "photos").string();
+  settings.images = "photos";
+  fs::create_directories(settings.input);
+  const std::vector<int> numbers = {13, 14, 15, 23, 24, 25, 27, 29, 31};
+  for (const int n : numbers)
+    fs::copy(shared_data("temple-ring/images/templeR00" + std::to_string(n) + ".png"), settings.input);
+  const Result<SolveResult> made = solve(settings, {});
+  ASSERT_TRUE(made.ok()) << made.error().message;
+  const Reconstruction& r = made->reconstruction;
+  ASSERT_EQ(r.segments.size(), 2u);
+  EXPECT_EQ(r.lenses.size(), 1u);
+  const Result<Trajectory> truth = read_trajectory(shared_data("temple-ring/truth.txt"));
+  ASSERT_TRUE(truth.ok());
+  const auto true_pose = [&](size_t frame) { return truth->world_from_cam[numbers[frame] - 13]; };
+  for (size_t j = 0; j < r.frames.size(); ++j) {
+    ASSERT_TRUE(r.frames[j].world_from_rig) << j;
+    EXPECT_EQ(r.frames[j].segment, j < 3 ? 1 : 0) << j;
+    const size_t first = j < 3 ? 0 : 3;
+    const Rigid3 turned = r.frames[first].world_from_rig->inverse() * *r.frames[j].world_from_rig;
+    const Rigid3 expected = true_pose(first).inverse() * true_pose(j);
+    EXPECT_LT(turned.rotation.angularDistance(expected.rotation), 0.02) << j;  // the gantry's 1.1 degrees
+  }
+  const fs::path out = folder.path() / "out";
+  ASSERT_TRUE(write_solve_output(*made, settings, "0", out).ok());
+  EXPECT_TRUE(fs::is_directory(out / "worlds/1/sparse"));
+  expect_read_back(out, r);
 }
 
 TEST(ReadBack, Adjust) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
 
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/solve_by_tracking.h"
@@ -19,6 +20,7 @@
 #include "raysfm/solving/reconstruct_photos.h"
 #include "raysfm/solving/solve_input.h"
 #include "raysfm/solving/solve_photos.h"
+#include "raysfm/solving/worlds_left_out.h"
 
 namespace raysfm {
 namespace {
@@ -152,14 +154,14 @@ Result<SolveResult> solve_known(const SolveSettings& settings, const SolveCallba
   Result<SolveInput> input = is_tracks_file(settings.input) ? tracks_of_camera(settings, callbacks)
                                                             : tracks_from_photos(settings, callbacks);
   if (!input) return input.error();
-  const RayReconstruction found = reconstruct_photos_of_camera(&*input, settings, callbacks);
-  if (found.posed == 0) {
+  const std::vector<RayReconstruction> worlds = reconstruct_worlds_of_camera(&*input, settings, callbacks);
+  if (worlds.empty()) {
     return no_reconstruction(
         fmt::format("{}: no three of the {} images start a reconstruction: too few points in "
                     "common, or too little parallax",
                     settings.input, input->names.size()));
   }
-  return solve_result(*input, found, settings, input->interrupted || callbacks.stopped());
+  return solve_result(*input, worlds, settings, input->interrupted || callbacks.stopped());
 }
 
 }  // namespace
@@ -196,8 +198,9 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
     tracked = *std::move(r);
   }
   const bool interrupted = input->interrupted || callbacks.stopped();
+  const auto others = worlds_left_out(*input, *found, settings, callbacks);
   SolveResult result =
-      tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), settings, interrupted);
+      tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), others, settings, interrupted);
   warn(callbacks.event, &result);
   set_times(start, read_s, &result);
   return result;

@@ -11,8 +11,8 @@
 namespace raysfm {
 
 // What `solve` gives: structure, motion and lenses (Origin::kSolve), or the camera that was given
-// (Origin::kTrack). There is one world, the camera of the first frame with a pose, its scale arbitrary,
-// unless it is given by known structure: `metric_scale` then means its unit.
+// (Origin::kTrack). A world is the camera of its first frame with a pose, its scale arbitrary, unless it is
+// given by known structure: `metric_scale` then means its unit. Photos that fall apart are several worlds.
 struct SolveResult {
   Reconstruction reconstruction;
   Report report;  // with `lens` and `adjustment`, where no camera was given

@@ -75,7 +75,7 @@ Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
   if (static_cast<double>(posed_count(tracked->reconstruction)) < kWorthIt * static_cast<double>(posed)) {
     return std::optional<SolveResult>();
   }
-  return std::optional(with_lens(*std::move(tracked), solve_result(input, found, settings, false)));
+  return std::optional(with_lens(*std::move(tracked), solve_result(input, found, {}, settings, false)));
 }
 
 }  // namespace raysfm

@@ -8,6 +8,7 @@
 #include "raysfm/colmap_bal/colmap_model.h"
 #include "raysfm/files/text_file.h"
 #include "raysfm/results/reconstruction_folder.h"
+#include "raysfm/scene/worlds.h"
 #include "support/shared_data.h"
 #include "support/test_scenes.h"
 
@@ -121,6 +122,84 @@ TEST_F(SolveTest, FixedLensAndFilesThatAgreeWithEachOther) {
       EXPECT_NEAR(c[1] * x.y() / x.z() + c[3], seen.y, 1);
     }
   }
+}
+
+// Of two cubes that share no point, with three images that see one of which four of ten tracks are wrong.
+class PlacesTest : public SolveTest {
+ protected:
+  SolveSettings write_places() {
+    Rng rng(3);
+    large_ = test_scenes::make_cube({.images = 7, .points = 60}, &rng);
+    small_ = test_scenes::make_cube({.images = 5, .points = 60}, &rng);
+    std::string text = "image,point,u,v\n";
+    const auto write = [&](const char* name, const PointTracks& tracks) {
+      for (int k = 0; k < tracks.size(); ++k) {
+        text += fmt::format("{0}-{1},{0}-{2},{3:.4f},{4:.4f}\n", name, tracks.image[k], tracks.point[k],
+                            tracks.pixel[k].x(), tracks.pixel[k].y());
+      }
+    };
+    test_scenes::add_noise(0.1, &rng, &large_.tracks);
+    test_scenes::add_noise(0.1, &rng, &small_.tracks);
+    write("a", small_.tracks);
+    write("b", large_.tracks);
+    Cube wrong = test_scenes::make_cube({.images = 3, .points = 80}, &rng);
+    for (int k = 0; k < wrong.tracks.size(); ++k) {
+      if (wrong.tracks.point[k] < 32) wrong.tracks.pixel[k] = {rng.uniform(0, 500), rng.uniform(0, 500)};
+    }
+    write("c", wrong.tracks);
+    SolveSettings settings;
+    settings.input = (folder_ / "tracks.csv").string();
+    settings.size = "501x501";
+    std::ofstream(settings.input) << text;
+    return settings;
+  }
+
+  // Of the frames from `first` on that are of a place: turned towards one another as they are.
+  static void expect_turned_right(const Reconstruction& r, size_t first, const Cube& place) {
+    for (size_t j = 0; j < place.truth.cam_from_world.size(); ++j) {
+      ASSERT_TRUE(r.frames[first + j].world_from_rig) << j;
+      const Rigid3 found = r.frames[first + j].world_from_rig->inverse() * *r.frames[first].world_from_rig;
+      const Rigid3 truth = place.truth.cam_from_world[j] * place.truth.cam_from_world[0].inverse();
+      EXPECT_LT(found.rotation.angularDistance(truth.rotation), 0.003) << j;
+      EXPECT_EQ(r.frames[first + j].segment, r.frames[first].segment) << j;
+    }
+  }
+
+  void expect_two_worlds(const Reconstruction& r) const {
+    ASSERT_EQ(r.frames.size(), 15u);
+    ASSERT_EQ(r.segments.size(), 2u);
+    EXPECT_NE(r.frames[0].segment, r.frames[5].segment);
+    EXPECT_EQ(worlds_in_order(r)[0], r.frames[5].segment);
+    expect_turned_right(r, 0, small_);
+    expect_turned_right(r, 5, large_);
+    for (size_t j = 12; j < 15; ++j) {
+      EXPECT_FALSE(r.frames[j].world_from_rig) << j;
+      EXPECT_NE(r.frames[j].reason, "") << j;
+    }
+    EXPECT_EQ(r.points.size(), 120u);
+    EXPECT_EQ(r.keyframes.size(), 12u);
+    EXPECT_LT(r.rms_reprojection_px, 0.2);
+  }
+
+  Cube large_, small_;
+};
+
+TEST_F(PlacesTest, EachPlaceIsAWorld) {
+  const auto result = solve(write_places(), {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  expect_two_worlds(result->reconstruction);
+  EXPECT_EQ(result->reconstruction.lenses.size(), 1u);
+}
+
+TEST_F(PlacesTest, EachPlaceIsAWorldOfAKnownCamera) {
+  SolveSettings settings = write_places();
+  settings.camera = (folder_ / "camera.yaml").string();
+  std::ofstream(settings.camera)
+      << "raysfm_camera: 1\ncameras:\n  - name: c\n    model: pinhole\n    resolution: [501, 501]\n"
+         "    intrinsics: {fx: 1000, fy: 1000, cx: 250, cy: 250}\n";
+  const auto result = solve(settings, {});
+  ASSERT_TRUE(result.ok()) << result.error().message;
+  expect_two_worlds(result->reconstruction);
 }
 
 TEST_F(SolveTest, SaysWhyThereIsNoReconstruction) {

@@ -51,6 +51,22 @@ Result<void> validate(const PointTracks& tracks) {
   return {};
 }
 
+PointTracks seen_by(const PointTracks& tracks, std::span<const uint8_t> images, int least,
+                    std::vector<int>* observations) {
+  std::vector<int> seen(tracks.point_count, 0);
+  for (int k = 0; k < tracks.size(); ++k) seen[tracks.point[k]] += images[tracks.image[k]];
+  PointTracks part;
+  part.image_count = tracks.image_count;
+  part.point_count = tracks.point_count;
+  part.image_size = tracks.image_size;
+  for (int k = 0; k < tracks.size(); ++k) {
+    if (!images[tracks.image[k]] || seen[tracks.point[k]] < least) continue;
+    part.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
+    if (observations) observations->push_back(k);
+  }
+  return part;
+}
+
 void renumber_points(std::span<const int> number, int count, std::vector<Eigen::Vector3d>* points,
                      std::vector<uint8_t>* placed) {
   std::vector<Eigen::Vector3d> now(count, Eigen::Vector3d::Zero());

@@ -31,6 +31,11 @@ struct PointTracks {
 // Names the observation (counted from 0), the value and what is allowed.
 Result<void> validate(const PointTracks& tracks);
 
+// The observations of some images alone (`images`: one mark each), of points that at least `least` of these
+// see; all keep their numbers. `observations`: which of `tracks` each is; may be null.
+PointTracks seen_by(const PointTracks& tracks, std::span<const uint8_t> images, int least,
+                    std::vector<int>* observations);
+
 // Positions of points, and marks of those that have one, where tracks have got other numbers. `number`: one
 // per track as it was, -1 for one that is gone; of several that are one now the first that has a position
 // counts. `count`: tracks now.

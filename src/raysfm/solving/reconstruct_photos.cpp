@@ -1,16 +1,18 @@
 #include "raysfm/solving/reconstruct_photos.h"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 #include <optional>
+#include <span>
 #include <utility>
 
-#include "raysfm/core/thread_pool.h"
 #include "raysfm/photos/photo_lenses.h"
 #include "raysfm/photos/photo_points.h"
 #include "raysfm/ray_lenses/photos_of_one_lens.h"
 #include "raysfm/solving/reconstruct_input.h"
 #include "raysfm/solving/solve_photos.h"
+#include "raysfm/solving/worlds_left_out.h"
 #include "raysfm/uncalibrated/dense_groups.h"
 #include "raysfm/uncalibrated/solution.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
@@ -22,21 +24,6 @@ constexpr double kHalf = 0.5;  // of the photos
 constexpr double kAboutAsMany = 0.9;
 // Groups of many photos among which a lens is looked for, and photos of each.
 constexpr int kGroups = 3, kGroupPhotos = 40;
-
-RayOptions ray_options(const SolveInput& input, const SolveSettings& settings,
-                       const SolveCallbacks& callbacks) {
-  RayOptions options{.max_error_px = settings.max_error,
-                     .in_order = false,
-                     .seed = settings.seed,
-                     .threads = thread_count(settings.threads),
-                     .stopped = [&callbacks] { return callbacks.stopped(); }};
-  if (callbacks.progress) {
-    options.progress = [&callbacks, photos = static_cast<int>(input.names.size())](int posed) {
-      callbacks.progress("photo", posed, photos);
-    };
-  }
-  return options;
-}
 
 void mark_inliers(const PointTracks& tracks, double max_error, UncalibratedReconstruction* found) {
   found->inlier = agreeing_observations(tracks, found->scene, found->radial, found->image_posed,
@@ -76,26 +63,15 @@ void choose_lenses(const PointTracks& tracks, const SolveSettings& settings, con
   start->lens_spread = signs.spread;
 }
 
-// What these photos see alone, the others seeing nothing.
-PointTracks seen_by(const PointTracks& tracks, std::span<const int> photos) {
-  std::vector<uint8_t> is_one(tracks.image_count, 0);
-  for (const int j : photos) is_one[j] = 1;
-  PointTracks seen;
-  seen.image_count = tracks.image_count;
-  seen.point_count = tracks.point_count;
-  seen.image_size = tracks.image_size;
-  for (int k = 0; k < tracks.size(); ++k) {
-    if (is_one[tracks.image[k]]) seen.add(tracks.image[k], tracks.point[k], tracks.pixel[k]);
-  }
-  return seen;
-}
-
 // Of many photos a group that sees much of one another.
 RayReconstruction start_along_rays(const PointTracks& tracks, double focal, const RayOptions& options) {
   if (tracks.image_count <= kMostInAllPairs) return reconstruct_photos_of_one_lens(tracks, focal, options);
   RayReconstruction best;
   for (const std::vector<int>& group : dense_groups(tracks, kGroupPhotos, kGroups)) {
-    RayReconstruction found = reconstruct_photos_of_one_lens(seen_by(tracks, group), focal, options);
+    std::vector<uint8_t> in_group(tracks.image_count, 0);
+    for (const int j : group) in_group[j] = 1;
+    RayReconstruction found =
+        reconstruct_photos_of_one_lens(seen_by(tracks, in_group, 1, nullptr), focal, options);
     if (found.posed > best.posed) best = std::move(found);
     if (best.posed >= kHalf * static_cast<double>(group.size())) break;
   }
@@ -140,13 +116,24 @@ bool is_closer(const PointTracks& tracks, double max_error, const UncalibratedRe
   return of_a < of_b;
 }
 
+// Part of the photos that have a pose, in other worlds too.
+double share_in_worlds(const SolveInput& input, const Result<UncalibratedReconstruction>& found,
+                       const SolveSettings& settings, const SolveCallbacks& callbacks) {
+  if (!found) return 0;
+  int posed = found->posed_count();
+  for (const RayReconstruction& world : worlds_left_out(input, *found, settings, callbacks))
+    posed += world.posed;
+  return posed / static_cast<double>(found->image_posed.size());
+}
+
 // Of the tracks as they are. Photos that zoom are reconstructed without one lens too: what it has bent of
 // them growth does not always bend back.
 Result<UncalibratedReconstruction> reconstruct_anew(SolveInput* input, const SolveSettings& settings,
                                                     const SolveCallbacks& callbacks) {
   Result<UncalibratedReconstruction> found = along_rays(input, settings, callbacks);
   const bool zooms = found && found->zooming;
-  if ((!zooms && reached_share(found) >= kGoodShare) || callbacks.stopped()) return found;
+  if (callbacks.stopped()) return found;
+  if (!zooms && share_in_worlds(*input, found, settings, callbacks) >= kGoodShare) return found;
   Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks);
   const auto [fewer, more] = std::minmax({reached_share(found), reached_share(other)});
   const bool take_other = found && other && zooms && fewer >= kAboutAsMany * more
@@ -173,30 +160,7 @@ std::optional<SolveInput> compared_afresh(SolveInput input, const SolveSettings&
   return with_loose_matches(input, none, settings, callbacks);
 }
 
-}  // namespace
-
-Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
-                                                      const SolveCallbacks& callbacks) {
-  Result<UncalibratedReconstruction> found = reconstruct_anew(input, settings, callbacks);
-  const auto take_if_better = [&](SolveInput loose, const UncalibratedReconstruction* start) {
-    Result<UncalibratedReconstruction> other = start ? reconstruct_input(&loose, settings, callbacks, start)
-                                                     : reconstruct_anew(&loose, settings, callbacks);
-    if (!is_better(other, found)) return;
-    *input = std::move(loose);
-    found = std::move(other);
-  };
-  if (found) {
-    if (auto loose = with_loose_matches(*input, found->image_posed, settings, callbacks)) {
-      const UncalibratedReconstruction start = start_from(*found, *input, *loose, settings.max_error);
-      take_if_better(*std::move(loose), &start);
-    }
-  }
-  if (reached_share(found) < kGoodShare) {
-    if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose), nullptr);
-  }
-  return found;
-}
-
+// The main world of the camera that is given.
 RayReconstruction reconstruct_photos_of_camera(SolveInput* input, const SolveSettings& settings,
                                                const SolveCallbacks& callbacks) {
   RayOptions options = ray_options(*input, settings, callbacks);
@@ -221,6 +185,39 @@ RayReconstruction reconstruct_photos_of_camera(SolveInput* input, const SolveSet
   if (found.posed == std::ssize(input->names)) return found;
   if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose));
   return found;
+}
+
+}  // namespace
+
+Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
+                                                      const SolveCallbacks& callbacks) {
+  Result<UncalibratedReconstruction> found = reconstruct_anew(input, settings, callbacks);
+  const auto take_if_better = [&](SolveInput loose, const UncalibratedReconstruction* start) {
+    Result<UncalibratedReconstruction> other = start ? reconstruct_input(&loose, settings, callbacks, start)
+                                                     : reconstruct_anew(&loose, settings, callbacks);
+    if (!is_better(other, found)) return;
+    *input = std::move(loose);
+    found = std::move(other);
+  };
+  if (found) {
+    if (auto loose = with_loose_matches(*input, found->image_posed, settings, callbacks)) {
+      const UncalibratedReconstruction start = start_from(*found, *input, *loose, settings.max_error);
+      take_if_better(*std::move(loose), &start);
+    }
+  }
+  if (share_in_worlds(*input, found, settings, callbacks) < kGoodShare) {
+    if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose), nullptr);
+  }
+  return found;
+}
+
+std::vector<RayReconstruction> reconstruct_worlds_of_camera(SolveInput* input, const SolveSettings& settings,
+                                                            const SolveCallbacks& callbacks) {
+  std::vector<RayReconstruction> worlds = {reconstruct_photos_of_camera(input, settings, callbacks)};
+  if (worlds[0].posed == 0) return {};
+  auto others = worlds_left_out(*input, worlds[0].image_posed, *input->camera, settings, callbacks);
+  std::ranges::move(others, std::back_inserter(worlds));
+  return worlds;
 }
 
 }  // namespace raysfm

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "raysfm/ray_lenses/ray_reconstruction.h"
 #include "raysfm/solving/solve_input.h"
 #include "raysfm/uncalibrated/reconstruct.h"
@@ -15,9 +17,10 @@ namespace raysfm {
 Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
                                                       const SolveCallbacks& callbacks);
 
-// Structure and motion of photos, or tracks in a file, of the camera that is given, input->camera; compared
-// less strictly in the same way where any photo stays out. posed = 0: no three images start a reconstruction.
-RayReconstruction reconstruct_photos_of_camera(SolveInput* input, const SolveSettings& settings,
-                                               const SolveCallbacks& callbacks);
+// Structure and motion of photos, or tracks in a file, of the camera that is given, input->camera; photos are
+// compared less strictly in the same way where any stays out. The main world, and those of images that it
+// leaves out (worlds_left_out()); empty: no three images start a reconstruction.
+std::vector<RayReconstruction> reconstruct_worlds_of_camera(SolveInput* input, const SolveSettings& settings,
+                                                            const SolveCallbacks& callbacks);
 
 }  // namespace raysfm
