@@ -205,7 +205,7 @@ Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const S
       take_if_better(*std::move(loose), &start);
     }
   }
-  if (share_in_worlds(*input, found, settings, callbacks) < kGoodShare) {
+  if (reached_share(found) < kGoodShare) {
     if (auto loose = compared_afresh(*input, settings, callbacks)) take_if_better(*std::move(loose), nullptr);
   }
   return found;
