@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 #include "raysfm/camera_files/camera_file.h"
@@ -234,6 +236,25 @@ Result<void> open_sequence(const fs::path& folder, const InputOptions& options, 
   return open_streams(folders, folder / "times.txt", options, input);
 }
 
+bool is_without_images(const fs::path& folder) {
+  const Result<std::vector<fs::path>> images = list_images(folder);
+  return images && images->empty();
+}
+
+// The first by name of the files in a folder that are called as videos are; empty: there is none.
+fs::path video_in(const fs::path& folder) {
+  constexpr std::string_view kVideos[] = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mpg", ".mts"};
+  fs::path first;
+  std::error_code failure;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, failure)) {
+    std::string extension = entry.path().extension().string();
+    std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (std::ranges::find(kVideos, extension) == std::end(kVideos)) continue;
+    if (first.empty() || entry.path() < first) first = entry.path();
+  }
+  return first;
+}
+
 Result<void> open_layout(const fs::path& folder, const InputOptions& options, Input* input) {
   for (const fs::path& root : {folder / "mav0", folder}) {
     if (!present(root / "cam0" / "data.csv")) continue;
@@ -253,7 +274,12 @@ Result<void> open_layout(const fs::path& folder, const InputOptions& options, In
     return open_sequence(folder, options, input);
   }
   input->layout = "images";
-  return open_streams({folder}, {}, options, input);
+  const Result<void> opened = open_streams({folder}, {}, options, input);
+  if (opened || !is_without_images(folder)) return opened;
+  const fs::path video = video_in(folder);
+  if (video.empty()) return opened;
+  return bad_input(fmt::format("{}: no image; allowed: at least one image, or a video by its own name, as {}",
+                               folder.string(), video.string()));
 }
 
 }  // namespace

@@ -256,6 +256,16 @@ TEST(OpenInput, RefusesWhatIsNoInput) {
   expect_says(message_of(open(folder.path())), "no image");
 }
 
+TEST(OpenInput, AFolderOfAVideoSaysToTakeTheVideo) {
+  const TemporaryFolder folder;
+  folder.file("notes.txt", "");
+  expect_says(message_of(open(folder.path())), "no image; allowed: at least one PNG");
+  folder.file("b.MOV", "");
+  expect_says(message_of(open(folder.path())), "b.MOV");
+  folder.file("a.mp4", "");
+  expect_says(message_of(open(folder.path())), "a.mp4");
+}
+
 TEST(OpenInput, SeveralInputsAreStreams) {
   const TemporaryFolder folder;
   const fs::path left = write_images(folder.path() / "left", 3),
