@@ -11,7 +11,7 @@
 
 #include "raysfm/core/memory.h"
 #include "raysfm/core/paged_memory.h"
-#include "raysfm/odometry/mapper.h"
+#include "raysfm/mapping/mapper.h"
 #include "raysfm/places/loop_closing.h"
 #include "support/long_drive.h"
 

@@ -179,7 +179,7 @@ class Reasons(unittest.TestCase):
 
     # What sets the reason of a frame or of a segment.
     SETS = re.compile(r"\b((?:last_|end_)?(?:reason|defect)_?\s+\+?=\s|(?:fail|lose)\()((?:" + LITERAL + r'|[^";])*);')
-    ROOMS = ("odometry", "views", "streams", "frames", "merging", "exports", "api")
+    ROOMS = ("odometry", "mapping", "views", "streams", "frames", "merging", "exports", "api")
     OF_OTHERS = {"photo_exif.cpp", "find_lens.cpp", "track_output.cpp"}  # reasons, but not of frames
     # Words that were set elsewhere. Of what is new here: where are its words, and are they in WORDS?
     HANDED_ON = {"view->defect", "frame.defect", "defect()", "reason", "f.reason", "*reason", "waiting_reason()", "last_reason_",

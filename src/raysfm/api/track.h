@@ -6,8 +6,8 @@
 
 #include "raysfm/core/callbacks.h"
 #include "raysfm/core/result.h"
+#include "raysfm/mapping/options.h"
 #include "raysfm/odometry/observer.h"
-#include "raysfm/odometry/options.h"
 #include "raysfm/results/report_file.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/settings/config.h"

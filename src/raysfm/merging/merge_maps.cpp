@@ -15,8 +15,8 @@
 #include "raysfm/calibration/refined_rig.h"
 #include "raysfm/geometry/point_alignment.h"
 #include "raysfm/geometry/similarity.h"
+#include "raysfm/mapping/mapper.h"
 #include "raysfm/merging/common_points.h"
-#include "raysfm/odometry/mapper.h"
 #include "raysfm/places/place_memory.h"
 
 namespace raysfm {

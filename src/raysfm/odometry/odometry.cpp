@@ -23,9 +23,8 @@ constexpr double kStandsAfter = 2.5;
 // Beside the rules of 2.4, a key frame is due once the camera has moved by this part of the distance to the
 // points: new points are then worth having, and patches have not changed much yet.
 constexpr double kKeyFrameBaseline = 0.055;
-// Parts of the points of the anchor: as long as this one is in sight, no blurred view becomes a key frame,
-// and this one must be, or the pose of a blurred view is not believed.
-constexpr double kMostlyInSight = 0.75, kLeastInSight = 0.3;
+// Part of the points of the anchor: as long as it is in sight, no blurred view becomes a key frame.
+constexpr double kMostlyInSight = 0.75;
 // How far a blurred view may be from where the motion before leads: parts of the step that leads there, and
 // of the distance to the points.
 constexpr double kMostSwerve = 1.5, kMostTremble = 0.01;
@@ -34,11 +33,6 @@ constexpr int kMinKeyFrameGap = 2;  // frames without one, unless too little is 
 // other: what passes close by, of a car that drives backwards above all, is not the same for long.
 constexpr double kNearerBaseline = kKeyFrameBaseline / 3;
 constexpr double kKeyFrameShare = 0.6;  // rule 1 of 2.4 where the key frame has few points
-
-// A pose from large patches alone may be one by chance, far from the anchor.
-bool in_sight(const Localisation& pose) {
-  return pose.ok && pose.visible_in_anchor >= kLeastInSight * pose.anchor_points;
-}
 
 // A motion continued, or cut short: its rotation and translation by the same part, which may exceed 1.
 Rigid3 part_of(const Rigid3& motion, double part) {
@@ -284,7 +278,7 @@ Localisation Odometry::search_blurred(const View& view, Localisation best) {
   for (const Rigid3& predicted : {best.ok ? best.rig_from_world : moved_on(*previous_, view), turned_on}) {
     Localisation pose =
         localiser_.follow(segment().map, segment().views, local_, view, predicted, Focus::kBlurred);
-    if (!in_sight(pose) || !goes_on(pose, view)) continue;
+    if (!anchor_is_in_sight(pose) || !goes_on(pose, view)) continue;
     if (convincing(pose)) return pose;
     if (pose.matches.size() > best.matches.size()) best = std::move(pose);
   }
@@ -469,19 +463,6 @@ void Odometry::follow_errors(const Map& map) {
   if (map_covariance_.is_due(map)) map_covariance_.measure(rig_, refiner_.deviations(), map, world());
 }
 
-// All poses moved with what became known of the calibration.
-void Odometry::finish_covariances() {
-  const std::vector<Rig> deviations = refiner_.deviations();
-  for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
-    if (segments_[s].joined_into >= 0) continue;
-    if (!deviations.empty()) {
-      map_covariance_.measure_all(rig_, deviations, segments_[s].map, s);
-    } else if (s == active_) {
-      map_covariance_.measure(rig_, {}, segments_[s].map, s);
-    }
-  }
-}
-
 // Of the tangent of a frame's world_from_rig, in its map.
 Matrix6d Odometry::covariance_of(const FrameRecord& frame, const Map& map) const {
   const Matrix6d by_calibration = map_covariance_.by_calibration(
@@ -549,207 +530,6 @@ void Odometry::accept(const ViewPtr& view, Localisation pose) {
   record(view->frame, pose, local_.anchor);
   previous_ =
       previous_ ? following(*previous_, view, std::move(pose)) : Previous{view, std::move(pose), {}, 0};
-}
-
-void Odometry::lose(ViewPtr view, const std::string& reason) {
-  view = detected(view);
-  segment().end_reason = reason;
-  const std::optional<std::string> blind = blindness(*view);
-  frames_[view->frame].reason = blind ? *blind : "track lost: " + reason;
-  observer_->track_lost({view->frame, world(), blind ? *blind : reason});
-  remember_end();
-  add_end();
-  last_seen_ = std::exchange(previous_, std::nullopt);
-  starter_.emplace(rig_, options_);
-  if (options_.departures.turning) begin_turn();
-  turn_on_the_spot(view);
-  if (options_.starts_worlds) start(view);
-}
-
-// From the view that was posed last.
-void Odometry::begin_turn() {
-  last_seen_->view = detected(last_seen_->view);
-  const FrameRecord& frame = frames_[last_seen_->view->frame];
-  turner_.begin(last_seen_->view, {present_pose(frame, segment().map), frame.covariance}, anchor_distance_);
-}
-
-// The view goes on from the last one as if it had only turned since, which hangs on the same key frame.
-bool Odometry::turn_on_the_spot(const ViewPtr& view) {
-  const std::optional<TurnedPose> turned = turner_.advance(view, options_.seed);
-  if (!turned) return false;
-  Localisation pose;
-  pose.rig_from_world = turned->rig_from_world;
-  pose.covariance = turned->covariance;
-  record(view->frame, pose, frames_[last_seen_->view->frame].keyframe, turned->covariance);
-  last_seen_ = following(*last_seen_, view, std::move(pose));
-  frames_[view->frame].place_held = true;
-  return true;
-}
-
-bool Odometry::relocalise(const ViewPtr& view) {
-  localiser_.set_motion(RigMotion{});
-  if (find_again(view)) return true;
-  const Map& map = segment().map;
-  const int newest = static_cast<int>(map.keyframes.size()) - 1;
-  if (segment().views[newest].view) {
-    const LocalMap local = make_local_map(map, segment().views, rig_, newest, 0);
-    const Localisation pose =
-        localiser_.localise(map, segment().views, local, *view, map.keyframes[newest].rig_from_world,
-                            range_of(Effort::kBlind, *view));
-    if (convincing(pose) && take_up(view, newest, pose.rig_from_world, false)) return true;
-  }
-  if (recall(view)) return true;
-  frames_[view->frame].reason = (posed_ > 0 ? "track lost: " : "") + segment().end_reason;
-  return false;
-}
-
-// The view as if track had gone on from the last posed one: that it was lost may have been a matter of blur.
-bool Odometry::find_again(const ViewPtr& view) {
-  if (!last_seen_) return false;
-  const FrameRecord& frame = frames_[last_seen_->view->frame];
-  if (frame.segment != active_) return false;
-  last_seen_->pose.rig_from_world = present_pose(frame, segment().map);
-  const int anchor = keyframe_in_sight(segment().map, segment().views, rig_, last_seen_->pose.rig_from_world);
-  if (anchor < 0) return false;
-  const LocalMap local = make_local_map(segment().map, segment().views, rig_, anchor, kLocalReach);
-  const Rigid3 turned_on = turned(*last_seen_->view, *view) * last_seen_->pose.rig_from_world;
-  for (const Rigid3& predicted : {turned_on, moved_on(*last_seen_, *view)}) {
-    Localisation pose = localiser_.follow(segment().map, segment().views, local, *view, predicted,
-                                          options_.departures.blur ? Focus::kBlurred : Focus::kSharp);
-    if (!in_sight(pose) || !recognised(pose, options_)) continue;
-    resume(view, anchor, std::move(pose));
-    return true;
-  }
-  return false;
-}
-
-// Track again from a key frame and a first pose of the view; false, where the view does not see what it
-// should. Less will do where corners found without that pose agree on it.
-bool Odometry::take_up(const ViewPtr& view, int keyframe, const Rigid3& rig_from_world, bool corners_agree) {
-  const Map& map = segment().map;
-  const LocalMap local = make_local_map(map, segment().views, rig_, keyframe, kLocalReach);
-  Localisation pose =
-      localiser_.localise(map, segment().views, local, *view, rig_from_world, range_of(Effort::kNear, *view));
-  if (!recognised(pose, options_) && !(corners_agree && believable(pose))) return false;
-  resume(view, keyframe, std::move(pose));
-  return true;
-}
-
-// Track goes on from a key frame of the active world.
-void Odometry::resume(const ViewPtr& view, int keyframe, Localisation pose) {
-  observer_->track_found({view->frame, world(), keyframe});
-  last_seen_.reset();
-  turner_.end();
-  const std::vector<WaitingView> missed = starter_->views();
-  starter_.emplace(rig_, options_);
-  segment().end_reason = "end of input";
-  set_anchor(keyframe);
-  accept(view, std::move(pose));
-  pose_missed(missed);
-}
-
-// Views since track was lost, back in time from the one that was found again: what kept track from going on
-// may not keep it from coming back.
-void Odometry::pose_missed(const std::vector<WaitingView>& missed) {
-  const Previous found = *previous_;
-  for (auto waiting = missed.rbegin(); waiting != missed.rend(); ++waiting) {
-    ViewPtr view = waiting->view ? waiting->view : waiting->coarse;
-    if (!view) continue;
-    Localisation pose = waiting->view ? localise(&view) : follow(*view);
-    if (!followed(pose, options_)) break;
-    follow_scan(*view, &pose);
-    record(view->frame, pose, local_.anchor);
-    previous_ = following(*previous_, view, std::move(pose));
-  }
-  previous_ = found;
-  pose_copies(missed);
-  learn_velocity();
-}
-
-Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_maps) {
-  if (!tracking() && options_.starts_worlds) {
-    if (auto start = starter_->finish(mapper_)) {
-      const std::vector<WaitingView> views = starter_->views();
-      starter_.emplace(rig_, options_);
-      begin_segment(std::move(*start), views);
-      go_through_waiting();
-    } else {
-      const int pictures = frames_.empty() ? 0 : frames_.back().rank + (frames_.back().same_as < 0);
-      const std::string reason =
-          pictures < frames() && pictures < 3
-              ? fmt::format("no motion: {} frames show {} different pictures", frames(), pictures)
-              : starter_->reason();
-      for (FrameRecord& frame : frames_) {
-        if (frame.segment < 0 && frame.reason.empty()) frame.reason = "no start: " + reason;
-      }
-    }
-  }
-  if (tracking()) remember_end();
-  release_views();
-  const std::vector<int> numbers = numbers_of_segments();
-  for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
-    if (numbers[s] >= 0) refine_calibration(s, true);
-  }
-  if (options_.finishes_maps) finish_maps(final_adjustment);
-  finish_covariances();
-  for (int i = 0; i < frames(); ++i) settle(i);
-  std::vector<Map> maps;
-  for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
-  if (kept_maps) {
-    kept_maps->clear();
-    for (size_t s = 0; s < maps.size(); ++s) {
-      if (segments_[s].joined_into < 0) kept_maps->push_back(maps[s]);
-    }
-  }
-  return assemble(std::move(maps));
-}
-
-// All worlds as the last calibration has them, adjusted for the last time.
-void Odometry::finish_maps(bool final_adjustment) {
-  const int worlds = static_cast<int>(segments_.size());
-  for (int s = 0; s < worlds; ++s) {
-    const SegmentState& segment = segments_[s];
-    if (segment.joined_into >= 0) continue;
-    if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(s, 0, whole_adaption(s));
-    if (final_adjustment) adjust_finally(s);
-  }
-  const std::vector<Rig> deviations = refiner_.deviations();
-  for (int s = 0; s < worlds; ++s) {
-    if (segments_[s].joined_into >= 0) continue;
-    find_scale(s, deviations);
-    if (segments_[s].closed) adjust_to_noise(s);
-  }
-}
-
-void Odometry::adjust_finally(int number) {
-  adjust(number, [&](Map* map) {
-    if (options_.final == FinalAdjustment::kGlobal) {
-      mapper_.adjust_globally(map);
-    } else {
-      mapper_.adjust_hierarchically(map);
-    }
-  });
-}
-
-// A map that is held together no longer follows its weak directions, and what is left of its error comes from
-// matches that are wrong by less than an inlier may be.
-void Odometry::adjust_to_noise(int number) {
-  adjust(number, [&](Map* map) { mapper_.adjust_to_noise(map); });
-}
-
-// What only more views would need. To give memory back and to take it anew is dear: a map of no more key
-// frames than had views is adjusted in what these leave.
-void Odometry::release_views() {
-  previous_.reset();
-  starter_.reset();
-  local_ = {};
-  places_.forget();
-  size_t most_keyframes = 0;
-  for (SegmentState& s : segments_) {
-    s.views = std::vector<KeyFrameView>();
-    most_keyframes = std::max(most_keyframes, s.map.keyframes.size());
-  }
-  if (most_keyframes > kKeptViews) return_freed_memory();
 }
 
 OdometryTimings Odometry::timings() const {

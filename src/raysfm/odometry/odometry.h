@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "raysfm/calibration/calibration_refiner.h"
-#include "raysfm/odometry/localiser.h"
-#include "raysfm/odometry/mapper.h"
+#include "raysfm/mapping/localiser.h"
+#include "raysfm/mapping/mapper.h"
+#include "raysfm/mapping/options.h"
+#include "raysfm/mapping/starter.h"
+#include "raysfm/mapping/turn_tracker.h"
 #include "raysfm/odometry/observer.h"
-#include "raysfm/odometry/options.h"
-#include "raysfm/odometry/starter.h"
-#include "raysfm/odometry/turn_tracker.h"
 #include "raysfm/places/place_memory.h"
 #include "raysfm/places/shared_views.h"
 #include "raysfm/scene/reconstruction.h"

@@ -26,7 +26,7 @@ using testing_support::SynthViews;
 using testing_support::without_corners;
 
 // Views of several scenes in a row, each with the number of its scene (-1: black) and the true pose in it.
-struct Input {
+struct Footage {
   std::vector<ViewPtr> views;
   std::vector<int> scene;
   std::vector<Rigid3> world_from_rig;
@@ -55,13 +55,13 @@ const SynthViews& board() {
   return views;
 }
 
-Input one_scene(const SynthViews& views) {
-  Input input;
+Footage one_scene(const SynthViews& views) {
+  Footage input;
   input.add_all(views, 0);
   return input;
 }
 
-Reconstruction run(const Input& input, const OdometryOptions& options = {}, bool final_global = false,
+Reconstruction run(const Footage& input, const OdometryOptions& options = {}, bool final_global = false,
                    TrackerObserver* observer = nullptr) {
   Odometry odometry(Rig{{small_camera()}}, options, observer);
   for (const ViewPtr& view : input.views) odometry.process(view);
@@ -75,7 +75,7 @@ struct LateRun {
 };
 
 // The same as run() for views that come without corners.
-LateRun run_without_corners(const Input& input) {
+LateRun run_without_corners(const Footage& input) {
   const ViewMaker maker({{0, {}, {.max_features = 600}}});
   Odometry odometry(Rig{{small_camera()}}, {}, {}, &maker);
   LateRun out;
@@ -88,7 +88,7 @@ LateRun run_without_corners(const Input& input) {
 }
 
 // Error of the frames of one segment that show one scene.
-Result<Evaluation> error_of(const Reconstruction& r, const Input& input, int segment, int scene) {
+Result<Evaluation> error_of(const Reconstruction& r, const Footage& input, int segment, int scene) {
   Trajectory estimate, truth;
   for (int i = 0; i < input.size(); ++i) {
     if (r.frames[i].segment != segment || input.scene[i] != scene) continue;
@@ -100,7 +100,7 @@ Result<Evaluation> error_of(const Reconstruction& r, const Input& input, int seg
   return evaluate(estimate, truth, {});
 }
 
-void expect_small_error(const Reconstruction& r, const Input& input, int segment, int scene,
+void expect_small_error(const Reconstruction& r, const Footage& input, int segment, int scene,
                         double percent = 0.5) {
   const Result<Evaluation> error = error_of(r, input, segment, scene);
   ASSERT_TRUE(error) << error.error().message;
@@ -110,7 +110,7 @@ void expect_small_error(const Reconstruction& r, const Input& input, int segment
 }
 
 // What holds for every reconstruction.
-void expect_sound(const Reconstruction& r, const Input& input) {
+void expect_sound(const Reconstruction& r, const Footage& input) {
   ASSERT_EQ(static_cast<int>(r.frames.size()), input.size());
   ASSERT_EQ(r.starts.size(), r.segments.size());
   std::map<int, std::pair<int, int>> extent;  // of each segment
@@ -174,7 +174,7 @@ bool same_maps(const Reconstruction& a, const Reconstruction& b) {
 }
 
 TEST(Odometry, PosesEveryFrameOfADrive) {
-  const Input input = one_scene(corridor());
+  const Footage input = one_scene(corridor());
   const Reconstruction r = run(input);
   expect_sound(r, input);
   expect_consistent_map(r);
@@ -190,7 +190,7 @@ TEST(Odometry, PosesEveryFrameOfADrive) {
 
 // Few key frames are adjusted at once, so that poses are settled while the camera still moves.
 TEST(Odometry, PosesEveryFrameWithASmallWindow) {
-  const Input input = one_scene(corridor());
+  const Footage input = one_scene(corridor());
   OdometryOptions options;
   options.free_cameras = 2;
   options.window = 4;
@@ -204,7 +204,7 @@ TEST(Odometry, PosesEveryFrameWithASmallWindow) {
 }
 
 TEST(Odometry, FramesBeforeTheStartGetPosesAfterwards) {
-  Input input;
+  Footage input;
   input.add_black(3);
   for (int i = 0; i < 5; ++i) input.add(board(), 0, 0);  // stands
   input.add_all(board(), 0);
@@ -218,7 +218,7 @@ TEST(Odometry, FramesBeforeTheStartGetPosesAfterwards) {
 }
 
 TEST(Odometry, TwoRunsAreTheSameToTheLastBit) {
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_black(2);
   input.add_all(corridor(), 1);
   EXPECT_TRUE(same_maps(run(input), run(input)));
@@ -226,8 +226,8 @@ TEST(Odometry, TwoRunsAreTheSameToTheLastBit) {
 }
 
 TEST(Odometry, AnotherSeedGivesNearlyTheSamePoses) {
-  const Input input = one_scene(corridor());
-  Input other = input;
+  const Footage input = one_scene(corridor());
+  Footage other = input;
   OdometryOptions options;
   options.seed = 4711;
   const Reconstruction a = run(input), b = run(input, options);
@@ -239,7 +239,7 @@ TEST(Odometry, AnotherSeedGivesNearlyTheSamePoses) {
 }
 
 TEST(Odometry, AFinalAdjustmentDoesNotHarm) {
-  const Input input = one_scene(corridor());
+  const Footage input = one_scene(corridor());
   const Reconstruction before = run(input), after = run(input, {}, true);
   expect_sound(after, input);
   expect_consistent_map(after);
@@ -248,7 +248,7 @@ TEST(Odometry, AFinalAdjustmentDoesNotHarm) {
 }
 
 TEST(Odometry, FindsTrackAgainAfterAGap) {
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_black(4);
   for (int i = 23; i >= 6; --i) input.add(board(), i, 0);  // on from the same place, and back
   struct : TrackerObserver {
@@ -286,7 +286,7 @@ GrayImage shaken(const GrayImage& image, int dx, int dy) {
 }
 
 TEST(Odometry, AShakeIsPosedAndHardlyAnyOfItBecomesAKeyFrame) {
-  Input input = one_scene(corridor());
+  Footage input = one_scene(corridor());
   const std::set<int> shaking{12, 13, 14, 20, 21};
   for (const int i : shaking) {
     input.views[i] = testing_support::as_view(shaken(corridor().images[i], 16, i < 16 ? 12 : -5), i);
@@ -316,7 +316,7 @@ GrayImage partly_hidden(const GrayImage& image, double part) {
 TEST(Odometry, FindsTrackAgainByAFewOfManyPoints) {
   constexpr int kGap = 4, kHidden = 5;
   constexpr double kPart = 0.66;
-  Input input = one_scene(corridor());
+  Footage input = one_scene(corridor());
   const int before = input.size();
   input.add_black(kGap);
   for (int i = 0; i < kHidden; ++i) {
@@ -338,7 +338,7 @@ TEST(Odometry, FindsTrackAgainByAFewOfManyPoints) {
 // However long nothing is seen, no other world is started meanwhile and every frame has its reason.
 TEST(Odometry, FindsTrackAgainAfterALongWait) {
   constexpr int kWait = 400;
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_black(kWait);
   for (int i = 23; i >= 12; --i) input.add(board(), i, 0);
   const Reconstruction r = run(input);
@@ -355,7 +355,7 @@ TEST(Odometry, FindsTrackAgainAfterALongWait) {
 
 // The camera comes back to where it was long before.
 TEST(Odometry, FindsTrackAgainAtAnOldPlace) {
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_black(4);
   for (int i = 4; i <= 16; ++i) input.add(board(), i, 0);
   const Reconstruction r = run(input);
@@ -371,7 +371,7 @@ TEST(Odometry, FindsTrackAgainAtAnOldPlace) {
 class TwoScenesTest : public testing::TestWithParam<int> {};
 
 TEST_P(TwoScenesTest, HaveASegmentEach) {
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_black(GetParam());
   input.add_all(corridor(), 1);
   const Reconstruction r = run(input);
@@ -389,7 +389,7 @@ INSTANTIATE_TEST_SUITE_P(Odometry, TwoScenesTest, testing::Values(0, 1, 6));
 
 // Recognised or not: a board that looks alike from both sides must not enter a world the wrong way round.
 TEST(Odometry, AnOldSceneThatComesBackFitsTheWorldThatItEnters) {
-  Input input = one_scene(board());
+  Footage input = one_scene(board());
   input.add_all(corridor(), 1);
   for (int i = 23; i >= 0; --i) input.add(board(), i, 0);
   const Reconstruction r = run(input);
@@ -405,7 +405,7 @@ TEST(Odometry, AnOldSceneThatComesBackFitsTheWorldThatItEnters) {
 
 // Two corridors of the same kind, of the same bricks and boards.
 TEST(Odometry, ASceneOfTheSameKindIsNotTakenForTheOldOne) {
-  Input input = one_scene(corridor());
+  Footage input = one_scene(corridor());
   input.add_all(synth_views("corridor", "drive", 30, 1), 1);
   const Reconstruction r = run(input);
   expect_sound(r, input);
@@ -416,7 +416,7 @@ TEST(Odometry, ASceneOfTheSameKindIsNotTakenForTheOldOne) {
 }
 
 TEST(Odometry, ATurningCameraGetsAReasonAndNoPoses) {
-  const Input input = one_scene(synth_views("room", "rotate", 80));
+  const Footage input = one_scene(synth_views("room", "rotate", 80));
   const Reconstruction r = run(input);
   expect_sound(r, input);
   EXPECT_TRUE(r.segments.empty());
@@ -425,7 +425,7 @@ TEST(Odometry, ATurningCameraGetsAReasonAndNoPoses) {
 
 // Along a corridor, all round on the spot, and on.
 TEST(Odometry, ATurnOnTheSpotIsPosedByWhatItSees) {
-  const Input input = one_scene(synth_views("corridor", "pan", 160));
+  const Footage input = one_scene(synth_views("corridor", "pan", 160));
   const Reconstruction r = run(input);
   expect_sound(r, input);
   ASSERT_EQ(r.segments.size(), 1u);
@@ -444,7 +444,7 @@ TEST(Odometry, ATurnOnTheSpotIsPosedByWhatItSees) {
 }
 
 TEST(Odometry, AStandingCameraGetsAReasonAndNoPoses) {
-  Input input;
+  Footage input;
   for (int i = 0; i < 12; ++i) input.add(board(), 5, 0);
   const Reconstruction r = run(input);
   expect_sound(r, input);
@@ -454,7 +454,7 @@ TEST(Odometry, AStandingCameraGetsAReasonAndNoPoses) {
 
 TEST(Odometry, TooFewFramesGetReasons) {
   for (int count = 0; count < 3; ++count) {
-    Input input;
+    Footage input;
     for (int i = 0; i < count; ++i) input.add(board(), 6 * i, 0);
     for (const bool final_global : {false, true}) {
       const Reconstruction r = run(input, {}, final_global);
@@ -471,7 +471,7 @@ TEST(Odometry, TooFewFramesGetReasons) {
 }
 
 TEST(Odometry, OnlyBlackFramesGetReasons) {
-  Input input;
+  Footage input;
   input.add_black(6);
   const Reconstruction r = run(input);
   expect_sound(r, input);
@@ -480,7 +480,7 @@ TEST(Odometry, OnlyBlackFramesGetReasons) {
 
 // Steps so small that not every other frame is a key frame.
 TEST(Odometry, CornersAreDetectedWhereTheyAreNeededAndAreTheSame) {
-  const Input input = one_scene(synth_views("board", "orbit", 96));
+  const Footage input = one_scene(synth_views("board", "orbit", 96));
   const Reconstruction at_once = run(input);
   const LateRun late = run_without_corners(input);
   ASSERT_EQ(at_once.starts.size(), 1u);
@@ -502,7 +502,7 @@ TEST(Odometry, CornersAreDetectedWhereTheyAreNeededAndAreTheSame) {
 // The orbit goes on from where eight frames are missing.
 TEST(Odometry, AFrameFarFromItsPredictionIsFoundByItsCorners) {
   const SynthViews views = synth_views("board", "orbit", 48);
-  Input input;
+  Footage input;
   constexpr int kJump = 24, kMissing = 8;
   for (int i = 0; i < views.size(); ++i) {
     if (i < kJump || i >= kJump + kMissing) input.add(views, i, 0);
@@ -522,7 +522,7 @@ TEST(Odometry, CovariancesHoldTheErrorsOfShortStretches) {
   int frames = 0;
   double held = 0, error2 = 0, orientations = 0;
   for (const uint64_t seed : {1, 2, 3, 4}) {
-    const Input input = one_scene(synth_views(seed % 2 ? "room" : "corridor", "walk", kFrames, seed));
+    const Footage input = one_scene(synth_views(seed % 2 ? "room" : "corridor", "walk", kFrames, seed));
     const Reconstruction r = run(input);
     Trajectory estimate, truth;
     std::vector<Matrix6d> covariances;

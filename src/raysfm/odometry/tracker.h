@@ -9,9 +9,9 @@
 #include "raysfm/core/result.h"
 #include "raysfm/image/pixels.h"
 #include "raysfm/image/repeat_watch.h"
+#include "raysfm/mapping/options.h"
 #include "raysfm/odometry/observer.h"
 #include "raysfm/odometry/odometry.h"
-#include "raysfm/odometry/options.h"
 #include "raysfm/scene/reconstruction.h"
 #include "raysfm/views/view_maker.h"
 

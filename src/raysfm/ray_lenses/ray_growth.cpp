@@ -150,8 +150,8 @@ void RayGrowth::place_points() {
   }
 }
 
-ProblemPart RayGrowth::part() const {
-  ProblemPart part;
+RayProblemPart RayGrowth::part() const {
+  RayProblemPart part;
   part.cameras = {r_.camera};
   std::vector<int> pose_of_image(tracks_.image_count, -1);
   for (int j = 0; j < tracks_.image_count; ++j) {
@@ -180,7 +180,7 @@ void RayGrowth::adjust() {
   // Before an adjustment to another lens residuals are large all over: what agreed with the lens before takes
   // part whatever they are.
   constexpr double kWide = 5;
-  ProblemPart part = this->part();
+  RayProblemPart part = this->part();
   const BundleProblem problem = part.problem();
   update_inliers(problem, kWide * max_error_);
   for (size_t i = 0; i < part.inlier.size(); ++i) part.inlier[i] |= r_.inlier[part.observation[i]];

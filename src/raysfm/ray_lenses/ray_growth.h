@@ -23,7 +23,7 @@ struct Agreement {
 };
 
 // One number per image or observation of a problem to that of the tracks.
-struct ProblemPart {
+struct RayProblemPart {
   std::vector<Camera> cameras;
   std::vector<int> image, point, observation;  // of the tracks, by number in the problem
   std::vector<Rigid3> poses;
@@ -78,7 +78,7 @@ class RayGrowth {
   int next_image() const;
   bool pose(int image);
   void place_points();
-  ProblemPart part() const;
+  RayProblemPart part() const;
   void adjust();
   double step_lens();
   bool try_lens(const Eigen::VectorXd& values);

@@ -69,7 +69,7 @@ bool RayGrowth::try_lens(const Eigen::VectorXd& values) {
 double RayGrowth::step_lens() {
   constexpr int kHalvings = 5;
   if (options_.is_known) return 0;
-  ProblemPart part = this->part();
+  RayProblemPart part = this->part();
   const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
   if (!evidence) return 0;
   const double variance = evidence->cost / std::max(1, evidence->observations);
@@ -88,7 +88,7 @@ double RayGrowth::step_lens() {
 
 void RayGrowth::take_sigma() {
   if (options_.is_known) return;
-  ProblemPart part = this->part();
+  RayProblemPart part = this->part();
   const auto evidence = measure_calibration(part.problem(), {.loss = kRayLoss}, parameters_, values_);
   if (!evidence) return;
   const CalibrationEvidence& e = *evidence;

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/turn_tracker.h"
+#include "raysfm/mapping/turn_tracker.h"
 
 #include <gtest/gtest.h>
 

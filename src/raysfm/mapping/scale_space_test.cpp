@@ -4,8 +4,8 @@
 #include <Eigen/Cholesky>
 
 #include "raysfm/core/median.h"
+#include "raysfm/mapping/localiser.h"
 #include "raysfm/matching/pair_tracker.h"
-#include "raysfm/odometry/localiser.h"
 #include "support/pose_errors.h"
 #include "support/true_map.h"
 

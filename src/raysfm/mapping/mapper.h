@@ -8,17 +8,20 @@
 #include "raysfm/core/paged_memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/geometry/triangulation.h"
+#include "raysfm/mapping/localiser.h"
+#include "raysfm/mapping/options.h"
+#include "raysfm/mapping/scale_keeper.h"
 #include "raysfm/matching/across_matcher.h"
 #include "raysfm/matching/guided_matcher.h"
-#include "raysfm/odometry/localiser.h"
-#include "raysfm/odometry/options.h"
-#include "raysfm/odometry/scale_keeper.h"
 #include "raysfm/scene/map.h"
 
 namespace raysfm {
 
 // Key frames of a map above which frames do not wait for all of it to be adjusted.
 constexpr size_t kLargeMap = 200;
+
+// Error of an inlier of a map at most: standard deviations, which are pixels of the octave.
+constexpr double kInlierError = 2.0;
 
 // How a map follows a calibration that has changed: in a few steps of the poses by the points that hold them
 // best, which the others follow, where the change is small; in two series of a few steps, the inliers found

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/localiser.h"
+#include "raysfm/mapping/localiser.h"
 
 #include <fmt/format.h>
 
@@ -515,6 +515,11 @@ bool recognised(const Localisation& pose, const OdometryOptions& options) {
 
 bool followed(const Localisation& pose, const OdometryOptions& options) {
   return believable(pose) || recognised(pose, options);
+}
+
+bool anchor_is_in_sight(const Localisation& pose) {
+  constexpr double kLeastInSight = 0.3;  // of the anchor's points
+  return pose.ok && pose.visible_in_anchor >= kLeastInSight * pose.anchor_points;
 }
 
 Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map) {

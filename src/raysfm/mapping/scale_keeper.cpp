@@ -1,4 +1,4 @@
-#include "raysfm/odometry/scale_keeper.h"
+#include "raysfm/mapping/scale_keeper.h"
 
 #include <cmath>
 
@@ -20,7 +20,7 @@ constexpr double kContradiction = 3;  // standard deviations of the inverse of t
 constexpr double kUnmodelled = 2;
 // Standard deviation of a scale as far as calibrations are right: baselines, which no footage tells.
 constexpr double kCalibration = 0.005;
-constexpr double kSettled = 0.25;  // of sigma: smaller steps are not worth taking
+constexpr double kSettledScale = 0.25;  // of sigma: smaller steps are not worth taking
 // Steps of the scale that need no adjustment of everything else. Where cameras are two decimetres apart, 1 %
 // moves what is ten metres away by a fifth of a thousandth of a radian.
 constexpr double kSmall = 0.01;
@@ -70,7 +70,7 @@ void measure_scale(const ScaleMeasure& how, const TrackingRig& rig, BundleProble
       is_by_heart ? 0 : scale_sigma_by_calibration(problem, by_residual, rig, how.deviations);
   map->scale_sigma = stated(found->sigma, by_calibration);
   const double step = std::abs(std::log(found->ratio));
-  if (step < kSettled * found->sigma) return;
+  if (step < kSettledScale * found->sigma) return;
   const Eigen::Vector3d center = problem.rig_from_world[0].inverse().translation;
   const bool is_quick = how.effort == ScaleEffort::kQuick;
   double ratio = found->ratio;

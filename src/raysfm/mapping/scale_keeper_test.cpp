@@ -1,11 +1,11 @@
-#include "raysfm/odometry/scale_keeper.h"
+#include "raysfm/mapping/scale_keeper.h"
 
 #include <gtest/gtest.h>
 
 #include <numbers>
 
 #include "raysfm/core/random.h"
-#include "raysfm/odometry/mapper.h"
+#include "raysfm/mapping/mapper.h"
 #include "support/panel_world.h"
 
 namespace raysfm {

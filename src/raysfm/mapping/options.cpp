@@ -1,4 +1,4 @@
-#include "raysfm/odometry/options.h"
+#include "raysfm/mapping/options.h"
 
 #include <fmt/format.h>
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "raysfm/core/timer.h"
+#include "raysfm/mapping/options.h"
 #include "raysfm/matching/guided_matcher.h"
-#include "raysfm/odometry/options.h"
 #include "raysfm/robust/absolute_pose.h"
 #include "raysfm/scene/map.h"
 #include "raysfm/views/rolling_shutter.h"
@@ -100,6 +100,9 @@ bool recognised(const Localisation& pose, const OdometryOptions& options);
 // By one rule or the other: where track is taken on from a posed view to those beside it that had no pose,
 // neither how it got lost nor a wrong guess speaks against it.
 bool followed(const Localisation& pose, const OdometryOptions& options);
+// Whether enough of the anchor's points are in sight: a pose from large patches alone may be one by chance,
+// far from the anchor.
+bool anchor_is_in_sight(const Localisation& pose);
 
 // A key frame as if it had been localised, with its own observations.
 Localisation seen_by_keyframe(const MapKeyFrame& keyframe, const Map& map);

@@ -4,8 +4,8 @@
 
 #include <functional>
 
+#include "raysfm/mapping/mapper.h"
 #include "raysfm/matching/guided_matcher.h"
-#include "raysfm/odometry/mapper.h"
 #include "support/panel_world.h"
 
 namespace raysfm {

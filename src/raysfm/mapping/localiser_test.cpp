@@ -1,4 +1,4 @@
-#include "raysfm/odometry/localiser.h"
+#include "raysfm/mapping/localiser.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/turn_tracker.h"
+#include "raysfm/mapping/turn_tracker.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kLeastMatches = 40;
 constexpr double kExplained = 0.85;   // of the matches, by a rotation
-constexpr double kCornerError = 2;    // of an inlier, pixels of its octave
+constexpr double kTurnedError = 2;    // of an inlier, pixels of its octave
 constexpr double kKeptMatches = 0.5;  // of those at best; with fewer, a later view becomes the base
 constexpr int kMostMissed = 15;       // views in a row that are no turn
 
@@ -78,7 +78,7 @@ bool TurnTracker::gather(const View& view) {
       before_.push_back(camera.rig_from_cam.rotation * then.direction);
       now_.push_back(camera.rig_from_cam.rotation * now.direction);
       const uint8_t octave = std::max(seen.octaves[f], sees.octaves[matches[f]]);
-      tolerance += kCornerError * octave_side(octave) / rig_.pixels_per_radian(c);
+      tolerance += kTurnedError * octave_side(octave) / rig_.pixels_per_radian(c);
     }
   }
   if (static_cast<int>(before_.size()) < kLeastMatches) return false;

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "raysfm/mapping/localiser.h"
+#include "raysfm/mapping/mapper.h"
+#include "raysfm/mapping/options.h"
 #include "raysfm/matching/pair_tracker.h"
-#include "raysfm/odometry/localiser.h"
-#include "raysfm/odometry/mapper.h"
-#include "raysfm/odometry/options.h"
 #include "raysfm/robust/generic_start.h"
 #include "raysfm/scene/reconstruction.h"
 

@@ -1,4 +1,4 @@
-#include "raysfm/odometry/mapper.h"
+#include "raysfm/mapping/mapper.h"
 
 #include <gtest/gtest.h>
 

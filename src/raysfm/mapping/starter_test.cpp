@@ -1,4 +1,4 @@
-#include "raysfm/odometry/starter.h"
+#include "raysfm/mapping/starter.h"
 
 #include <gtest/gtest.h>
 
