@@ -15,7 +15,7 @@ namespace raysfm {
 namespace {
 
 constexpr int kFirst = 20;         // key frames, after which a calibration is asked for
-constexpr int kLeastStretch = 8;   // of the last
+constexpr int kLeastStretch = 4;   // of the last
 constexpr double kGrowth = 2;      // of the key frames from one time to the next
 constexpr double kRescaled = 0.1;  // logarithm of the factor to a scale that makes it another
 constexpr int kShutterKeyFrames = 8;

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <functional>
 #include <memory>
+#include <variant>
 #include <vector>
 
 #include "raysfm/eval/trajectory_error.h"
@@ -173,6 +174,35 @@ TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(70, 100));
+
+// Short footage has few key frames, and so has footage of one place, however long it is.
+TEST(RealShort, AFewKeyFramesTellALensThatIsOff) {
+  constexpr const char* kRig = "rendered/tri-rig";
+  constexpr int kFrames = 23;
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(kRig);
+  Result<Input> input = open_input({shared_data(kRig).string()}, {});
+  ASSERT_TRUE(input && input->calibration);
+  Rig wrong = *input->calibration;
+  for (Camera& camera : wrong.cameras) {
+    auto& lens = std::get<Pinhole>(camera.model);
+    lens.fx *= 1.02, lens.fy *= 1.02;
+  }
+  Odometry odometry(wrong, {});
+  FrameSetReader reader(input->streams);
+  HarrisDetector detector;
+  for (int i = 0; i < kFrames; ++i) {
+    const std::shared_ptr<View> view = next_view(reader, i);
+    ASSERT_TRUE(view);
+    for (CameraView& camera : view->cameras) detect(detector, {.max_features = 750}, &camera);
+    odometry.process(view);
+  }
+  const Reconstruction r = odometry.finish(false);
+  EXPECT_LT(r.keyframes.size(), 8u);
+  for (size_t c = 0; c < r.rig.cameras.size(); ++c) {
+    const Camera& given = input->calibration->cameras[c];
+    EXPECT_NEAR(r.rig.cameras[c].pixels_per_radian() / given.pixels_per_radian(), 1, 0.005) << c;
+  }
+}
 
 // Photos three times round a table, far from each other: what track is lost at is seen from the next.
 TEST(RealPhotos, EachIsPosed) {
