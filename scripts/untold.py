@@ -10,6 +10,8 @@ import statistics
 
 import kept
 import papers
+from footage import write_camera
+from photos import number, table
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "demo" / "untold"
@@ -190,10 +192,6 @@ def experiments():
     return [*map(track_experiment, [*SEQUENCES, *FISHEYES, *SCANNED]), *map(solve_experiment, SOLVED)]
 
 
-def number(value, digits=2):
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 def percent(run):
     return 100 * run["mean_m"] / run["length_m"] if "mean_m" in run else None
 
@@ -248,10 +246,6 @@ def solve_row(film, results):
         number(a, 3), number(1000 * result["mean_m"], 1) if a is not None else "-", f"{result['seconds']:.1f}"]) + " |"
 
 
-def table(head, rows):
-    return [f"| {' | '.join(head)} |", "|" + "---|" * len(head), *rows, ""]
-
-
 TRACK_HEAD = ["footage", "posed", "with its calibration", "worlds", "model", "fx found, px", "of the file", "error, %",
               "with its calibration, %", "ratio", "seconds, with"]
 ABOUT = (
@@ -287,19 +281,11 @@ def page(made_by, results, records):
         for name, record in records.items()])
 
 
-def write_cameras(folder):
-    """One file each. Errors: OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, (model, (width, height), numbers) in CAMERAS.items():
-        values = ", ".join(f"{k}: {v}" for k, v in numbers.items())
-        (folder / f"{name}.yaml").write_text(
-            f"raysfm_camera: 1\ncameras:\n  - name: camera\n    model: {model}\n    resolution: [{width}, {height}]\n"
-            f"    intrinsics: {{{values}}}\n")
-
-
 def run(program, data, machine, only=""):
     """Makes what is missing and writes the table. Returns the exit code: 130 where it was interrupted."""
-    write_cameras(FOLDER / "cameras")
+    (FOLDER / "cameras").mkdir(parents=True, exist_ok=True)
+    for name, (model, size, numbers) in CAMERAS.items():
+        write_camera(FOLDER / "cameras" / f"{name}.yaml", model, *size, numbers)
     places = {"raysfm": program, **{name: FOLDER / "cameras" / f"{name}.yaml" for name in CAMERAS}}
     places |= {film.source: data / film.source for film in [*SEQUENCES, *SOLVED] if film.source}
     keep = kept.Kept(FOLDER / "kept", places)

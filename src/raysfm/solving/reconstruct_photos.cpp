@@ -133,7 +133,11 @@ Result<UncalibratedReconstruction> reconstruct_anew(SolveInput* input, const Sol
   Result<UncalibratedReconstruction> found = along_rays(input, settings, callbacks);
   const bool zooms = found && found->zooming;
   if (callbacks.stopped()) return found;
-  if (!zooms && share_in_worlds(*input, found, settings, callbacks) >= kGoodShare) return found;
+  const auto is_good = [&] {
+    return reached_share(found) >= kGoodShare ||
+           share_in_worlds(*input, found, settings, callbacks) >= kGoodShare;
+  };
+  if (!zooms && is_good()) return found;
   Result<UncalibratedReconstruction> other = reconstruct_input(input, settings, callbacks);
   const auto [fewer, more] = std::minmax({reached_share(found), reached_share(other)});
   const bool take_other = found && other && zooms && fewer >= kAboutAsMany * more

@@ -12,8 +12,7 @@ namespace raysfm {
 // along the rays of one lens that is guessed, from where a lens for each photo is tried; without a guess
 // where photos zoom, or more than a fifth stay out, and then the better of the two. Photos that stay out are
 // compared less strictly, to go on from what there is, and from the start where more than a fifth are out.
-// `input` becomes what the reconstruction is
-// of. Errors: as reconstruct_input().
+// `input` becomes what the reconstruction is of. Errors: as reconstruct_input().
 Result<UncalibratedReconstruction> reconstruct_photos(SolveInput* input, const SolveSettings& settings,
                                                       const SolveCallbacks& callbacks);
 

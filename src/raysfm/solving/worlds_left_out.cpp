@@ -48,7 +48,7 @@ std::vector<RayReconstruction> worlds_left_out(const SolveInput& input, std::spa
   std::vector<RayReconstruction> worlds;
   std::vector<uint8_t> left(posed.size());
   std::ranges::transform(posed, left.begin(), [](uint8_t is_posed) { return !is_posed; });
-  while (!callbacks.stopped()) {
+  while (std::ranges::count(left, 1) >= kLeastImages && !callbacks.stopped()) {
     std::vector<int> observations;
     const PointTracks tracks = seen_by(input.tracks, left, 2, &observations);
     RayReconstruction found = reconstruct_along_rays(tracks, camera, options);
