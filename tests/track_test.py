@@ -217,20 +217,22 @@ cameras:
         done = run("synth", "room", "--motion", "handheld", "--frames", 150, "--readout", 33, "--samples", 1, "--noise", 2,
                    "--camera", camera, "--out", film, "--quiet")
         self.assertEqual(done.returncode, 0, done.stderr)
-        error = {}
-        for lens in (camera, film / "camera.yaml"):
-            done = run("track", film, "--camera", lens, "--out", self.out)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            report = json.loads((self.out / "report.json").read_text())
-            self.assertEqual(report["frames"]["posed"], 150)
-            self.assertEqual("all is tracked again with it" in done.stderr, lens == camera, done.stderr)
-            error[lens] = json.loads(run("eval", self.out, film, "--json").stdout)["ate"]["mean"]
-            if lens == camera:
-                readout = next(n for n in report["calibration"] if n["name"] == "readout_down")
-                self.assertEqual((readout["given"], readout["told"]), (0, True))
-                self.assertAlmostEqual(readout["refined"] / 0.033, 1, delta=0.1)
-                self.assertIn("direction: down", (self.out / "camera.yaml").read_text())
-        self.assertLess(error[camera], 2 * error[film / "camera.yaml"])
+        # Until the end there are too few key frames to ask in the first four seconds.
+        for seconds in (4, 10):
+            error = {}
+            for lens in (camera, film / "camera.yaml"):
+                done = run("track", film, "--camera", lens, "--to", seconds, "--out", self.out)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                report = json.loads((self.out / "report.json").read_text())
+                self.assertEqual(report["frames"]["posed"], report["frames"]["total"])
+                self.assertEqual("all is tracked again with it" in done.stderr, lens == camera, done.stderr)
+                error[lens] = json.loads(run("eval", self.out, film, "--json").stdout)["ate"]["mean"]
+                if lens == camera:
+                    readout = next(n for n in report["calibration"] if n["name"] == "readout_down")
+                    self.assertEqual((readout["given"], readout["told"]), (0, True))
+                    self.assertAlmostEqual(readout["refined"] / 0.033, 1, delta=0.1)
+                    self.assertIn("direction: down", (self.out / "camera.yaml").read_text())
+            self.assertLess(error[camera], 1.5 * error[film / "camera.yaml"], seconds)
 
     def test_a_lens_that_is_not_that_of_the_footage(self):
         """A map made with it says nothing against it: the footage does, and its own lens takes the place of the given one."""

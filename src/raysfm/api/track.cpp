@@ -196,7 +196,6 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   warn(callbacks.event, motion_warning(tracker.other_motion()), &warnings);
   warn(callbacks.event, dropped_shutter_warning(tracker.dropped_shutter()), &warnings);
   aftermath->zoom = tracker.lens_change();
-  aftermath->shutter_found_at = tracker.shutter_found_at();
   aftermath->dropped_shutter = tracker.dropped_shutter();
   if (sources->may_be_fisheye) {
     warn(callbacks.event, wide_lens_warning(tracker.rig().rig().cameras[0]), &warnings);
@@ -206,6 +205,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
     keyframes = tracker.newest_keyframes(kDoubtful);
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
+  aftermath->shutter_found_at = tracker.shutter_found_at();
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
   if (sources->lens_is_given() && !read->stopped) {
