@@ -94,8 +94,8 @@ def experiments_of(row):
             synth = ["{raysfm}", "synth", *flags, *row.flags, "--camera", "{%s}" % row.camera, "--seed", str(seed),
                      "--threads", "1", "--quiet", "--out", "{out}/film"]
             name = f"{row.name}, {world}, seed {seed}"
-            flags = ("--refine-lens", "off") if row.held else ()
-            made.append(dataclasses.replace(experiment(name, [synth], "{out}/film", flags), inputs=[row.camera]))
+            of_track = ("--refine-lens", "off") if row.held else ()
+            made.append(dataclasses.replace(experiment(name, [synth], "{out}/film", of_track), inputs=[row.camera]))
     return made
 
 

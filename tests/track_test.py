@@ -234,6 +234,19 @@ cameras:
                     self.assertIn("direction: down", (self.out / "camera.yaml").read_text())
             self.assertLess(error[camera], 1.5 * error[film / "camera.yaml"], seconds)
 
+    def test_a_rolling_shutter_that_few_points_do_not_tell(self):
+        camera = self.file("fisheye.yaml", """raysfm_camera: 1
+cameras:
+  - {name: c, model: kannala-brandt, resolution: [640, 480], intrinsics: {fx: 303.2, fy: 303.2, cx: 316, cy: 243, k1: 0.02}}
+""")
+        film = self.folder / "film"
+        done = run("synth", "street", "--motion", "walk", "--frames", 120, "--fps", 10, "--length", 9.8, "--readout", 10,
+                   "--samples", 1, "--noise", 1, "--camera", camera, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.track(film, "--camera", camera).returncode, 0)
+        numbers = json.loads((self.out / "report.json").read_text())["calibration"]
+        self.assertAlmostEqual(next(n for n in numbers if n["name"] == "readout_down")["refined"] / 0.01, 1, delta=0.15)
+
     def test_a_lens_that_is_not_that_of_the_footage(self):
         """A map made with it says nothing against it: the footage does, and its own lens takes the place of the given one."""
         source = SHARED / "tsukuba-mono"
@@ -333,6 +346,28 @@ cameras:
         judged = json.loads(run("eval", self.folder / "out", film / "truth.txt", "--json").stdout)
         self.assertLess(judged["ate"]["rmse"], 0.02)
         self.assertGreater(judged["coverage"], 0.8)
+
+    def test_small_pictures_with_noise(self):
+        """No three of them have a parallax of many times its error."""
+        film, camera = self.folder / "film", self.folder / "small.yaml"
+        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: pinhole, resolution: [320, 240], "
+                          "intrinsics: {fx: 256, fy: 256, cx: 159.5, cy: 119.5}}\n")
+        done = run("synth", "street", "--camera", camera, "--motion", "drive", "--fps", 10, "--frames", 60, "--length", 25, "--noise", 5,
+                   "--samples", 1, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.track(film).returncode, 0)
+        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        self.assertEqual(judged["coverage"], 1)
+        self.assertLess(judged["ate"]["mean"], 0.001 * judged["length_m"])
+
+    def test_a_turn_that_feigns_a_way(self):
+        """Blur and a rolling shutter do."""
+        source = SHARED / "fr1-rpy"
+        if not source.exists():
+            self.skipTest(f"{source} is missing")
+        done = self.track(source, "--from", 1305031231.03)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("no start", done.stderr)
 
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""

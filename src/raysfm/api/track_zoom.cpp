@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -30,6 +31,9 @@ constexpr double kBeyondShutters = 0.1;  // 33 ms of a walking camera: 0.05
 // Of a stretch of a map whose shutter rolls: what its velocities leave lowered the rms by 12 % where a camera
 // turned on the spot; of eleven films whose focal lengths change by as much zooms did by 36 % at least.
 constexpr double kGainBeyondShutters = 1.2;
+// Longest focal length over the shortest: no camera zooms farther in a film, and a hand that turned far on
+// the spot before a rolling shutter was solved with 30 to 9188 pixels.
+constexpr double kMostZoom = 30;
 // Key frames of a map that are looked at together, from one such stretch to the next, and at least.
 constexpr size_t kWindow = 40, kStep = 20, kLeastWindow = 10;
 constexpr size_t kMostPoints = 600;  // the longest tracks of a stretch
@@ -83,16 +87,17 @@ MapStretch stretch_of(const Reconstruction& r, const Lens& lens, std::span<const
   return s;
 }
 
-std::string description(const Reconstruction& r) {
-  double least = INFINITY, most = 0;
+struct FocalRange {
+  double least = std::numeric_limits<double>::infinity(), most = 0;
+};
+
+FocalRange focal_range(const Reconstruction& r) {
+  FocalRange range;
   for (const FrameLens& lens : r.lenses) {
     const double focal = lens_of(lens)->fx;
-    least = std::min(least, focal), most = std::max(most, focal);
+    range.least = std::min(range.least, focal), range.most = std::max(range.most, focal);
   }
-  return fmt::format(
-      "the camera zooms, its focal length is {:.0f} to {:.0f} px: this is the result of raysfm solve, with a "
-      "lens for each image",
-      least, most);
+  return range;
 }
 
 }  // namespace
@@ -159,10 +164,14 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
   const LensReport& lens = *solved->report.lens;
   const bool is_clear = lens.gain == 0 || (lens.gain > kLeastGain && lens.spread > kLeastSpread);
   const bool is_sure = lens.zooming && lens.degenerate.empty() && is_clear;
-  if (!is_sure) return {};
+  const FocalRange focals = focal_range(solved->reconstruction);
+  if (!is_sure || focals.most > kMostZoom * focals.least) return {};
   TrackResult result{std::move(solved->reconstruction), std::move(solved->report)};
   result.report.input = settings.inputs;
-  result.report.warnings.push_back(description(result.reconstruction));
+  result.report.warnings.push_back(fmt::format(
+      "the camera zooms, its focal length is {:.0f} to {:.0f} px: this is the result of raysfm solve, with a "
+      "lens for each image",
+      focals.least, focals.most));
   return result;
 }
 

@@ -48,9 +48,9 @@ class CalibrationRefiner {
   void measure(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
                const MotionOf& motion_of);
 
-  // Whether a world is long enough to be asked for a rolling shutter that nobody told, before anything else;
-  // and one that it tells beyond doubt. What is found there is forgotten where it tells none.
-  bool is_shutter_due(int keyframes) const;
+  // Whether a world is to be asked for a rolling shutter that nobody told, before anything else: once it is
+  // long enough, and where it is short when no more will come (`last`). And one that it tells beyond doubt.
+  bool is_shutter_due(int keyframes, bool last) const;
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
                                   const MotionOf& motion_of);
 

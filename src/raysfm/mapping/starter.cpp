@@ -21,6 +21,11 @@ constexpr double kMinInlierRatio = 0.55;
 // Median parallax over the rms error of the rays. Blur and a rolling shutter bend the rays of a turning
 // camera into a parallax of up to 20 times their error; starts with translation have 30 and more.
 constexpr double kMinSignificance = 28;
+// Small or noisy images may never have as much. What blur and a rolling shutter feign is no more than the
+// image moves from one frame to the next: a parallax of more times that is believed with less significance,
+// where so many spans of views before had no more.
+constexpr double kLeastSignificance = 10, kBeyondFrameMotion = 1.5;
+constexpr int kWeakSpans = 2;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
 // Views after which a rig that moves slowly tries to start before its matches become few, and between tries;
@@ -261,7 +266,7 @@ std::optional<Start> Starter::step(Mapper& mapper) {
   const int with_first = advance(from_first_, view);
   if (second_ < 0) {
     if (with_first >= enough(options_.min_matches))
-      return is_worth_a_try(current) ? attempt(kept_near((first_ + current) / 2), current, mapper)
+      return is_worth_a_try(current) ? attempt(kept_near((first_ + current) / 2), current, false, mapper)
                                      : std::nullopt;
     second_ = kept_near(sharpest_until(std::max(current - 1, first_ + 1), first_));
     from_second_ = trackers_from(views_[second_].view, kSampled);
@@ -273,7 +278,7 @@ std::optional<Start> Starter::step(Mapper& mapper) {
 
   const int third = sharpest_until(std::max(current - 1, second_ + 1), second_);
   if (third > current || !views_[third].view) return std::nullopt;
-  auto start = attempt(second_, third, mapper);
+  auto start = attempt(second_, third, true, mapper);
   if (!start) restart(second_);
   return start;
 }
@@ -285,7 +290,8 @@ std::optional<Start> Starter::finish(Mapper& mapper) {
     return std::nullopt;
   }
   const int second = second_ > first_ && second_ < last ? second_ : kept_near((first_ + last) / 2);
-  return attempt(second, last, mapper);
+  weak_spans_ = kWeakSpans;
+  return attempt(second, last, true, mapper);
 }
 
 std::vector<Starter::Match> Starter::find_matches(const std::array<int, 3>& views) const {
@@ -316,17 +322,39 @@ const Eigen::Vector2f* Starter::corner_in(int camera, int corner, int view) cons
   return feature < 0 ? nullptr : &views_[view].view->cameras[camera].features.pixels[feature];
 }
 
-// As its motion in the image from the view before to the one after tells it, without any geometry.
-Eigen::Vector2f Starter::scan_offset(int camera, int corner, int view) const {
+// From the view before to the one after, without any geometry; none where it is seen in neither.
+std::optional<Starter::CornerMotion> Starter::corner_motion(int camera, int corner, int view) const {
   const Eigen::Vector2f* here = corner_in(camera, corner, view);
   const Eigen::Vector2f* before = corner_in(camera, corner, view - 1);
   const Eigen::Vector2f* after = corner_in(camera, corner, view + 1);
-  const auto time = [&](int v) { return views_[v].view->timestamp; };
-  if (!here || (!before && !after)) return Eigen::Vector2f::Zero();
-  const Eigen::Vector2f motion = (after ? *after : *here) - (before ? *before : *here);
-  const double seconds = time(after ? view + 1 : view) - time(before ? view - 1 : view);
-  const double exposed_after = rig_.camera(camera).exposed_after(here->cast<double>());
-  return motion * static_cast<float>(exposed_after / seconds);
+  if (!here || (!before && !after)) return std::nullopt;
+  return CornerMotion{*here, (after ? *after : *here) - (before ? *before : *here), before ? view - 1 : view,
+                      after ? view + 1 : view};
+}
+
+// Where a corner would have been seen had the whole image been exposed at once, off from where it was seen.
+Eigen::Vector2f Starter::scan_offset(int camera, int corner, int view) const {
+  const std::optional<CornerMotion> motion = corner_motion(camera, corner, view);
+  if (!motion) return Eigen::Vector2f::Zero();
+  const double seconds = views_[motion->last].view->timestamp - views_[motion->first].view->timestamp;
+  const double exposed_after = rig_.camera(camera).exposed_after(motion->pixel.cast<double>());
+  return motion->pixels * static_cast<float>(exposed_after / seconds);
+}
+
+// What corners move in the images from one frame to the next, radians: in the median, at the view where that
+// is most. Infinite where none is seen in two frames that follow each other.
+double Starter::frame_motion(const std::array<int, 3>& views, const std::vector<Match>& matches) const {
+  double most = 0;
+  for (const int v : views) {
+    std::vector<float> moved;
+    for (const Match& m : matches) {
+      if (const auto motion = corner_motion(m.camera, m.corner, v))
+        moved.push_back(motion->pixels.norm() / static_cast<float>(motion->last - motion->first));
+    }
+    if (moved.empty()) return std::numeric_limits<double>::infinity();
+    most = std::max<double>(most, median_of(&moved));
+  }
+  return most / rig_.pixels_per_radian();
 }
 
 void Starter::find_across(const ViewPtr& first, std::vector<Match>* matches) {
@@ -378,7 +406,7 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   return start_generic({static_cast<int>(matches.size()), rays, points, views, cameras}, options);
 }
 
-std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
+std::optional<Start> Starter::attempt(int second, int third, bool ends_span, Mapper& mapper) {
   ++attempts_;
   const std::array<int, 3> views = {first_, second, third};
   std::vector<Match> matches = find_matches(views);
@@ -394,9 +422,14 @@ std::optional<Start> Starter::attempt(int second, int third, Mapper& mapper) {
   const double error = geometry.rms_error * median_octave_side(matches) / rig_.pixels_per_radian();
   const double significance = geometry.least_parallax / std::max(error, 1e-9);
   if (significance < kMinSignificance) {
-    fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error", frames,
-                            significance));
-    return std::nullopt;
+    const bool is_weak = ends_span && significance > kLeastSignificance &&
+                         geometry.least_parallax > kBeyondFrameMotion * frame_motion(views, matches);
+    weak_spans_ += is_weak;
+    if (!is_weak || weak_spans_ <= kWeakSpans) {
+      fail(count, fmt::format("{}: too little translation: the parallax is only {:.0f} times the error",
+                              frames, significance));
+      return std::nullopt;
+    }
   }
   if (blur_changes(views)) {
     fail(count, fmt::format("{}: motion blur changes too much from one to the other", frames));

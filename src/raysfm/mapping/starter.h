@@ -85,7 +85,7 @@ class Starter {
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, views_, tried_at_, first_, second_, next_, from_first_, from_second_, reason_,
-                    last_reason_, most_matches_, attempts_);
+                    last_reason_, most_matches_, attempts_, weak_spans_);
   }
 
  private:
@@ -97,7 +97,8 @@ class Starter {
   void release_coarse();
   void release(int view, int same_as);
   std::optional<Start> step(Mapper& mapper);
-  std::optional<Start> attempt(int second, int third, Mapper& mapper);
+  // `ends_span`: later views match less.
+  std::optional<Start> attempt(int second, int third, bool ends_span, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
   struct Match {
     int camera = 0;
@@ -107,7 +108,13 @@ class Starter {
     std::vector<AcrossMatch> across;
   };
   std::vector<Match> find_matches(const std::array<int, 3>& views) const;
+  struct CornerMotion {
+    Eigen::Vector2f pixel, pixels;  // where it is, and how far it moves from the first view to the last
+    int first, last;
+  };
+  std::optional<CornerMotion> corner_motion(int camera, int corner, int view) const;
   Eigen::Vector2f scan_offset(int camera, int corner, int view) const;
+  double frame_motion(const std::array<int, 3>& views, const std::vector<Match>& matches) const;
   const Eigen::Vector2f* corner_in(int camera, int corner, int view) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
   static double median_octave_side(const std::vector<Match>& matches);
@@ -136,6 +143,7 @@ class Starter {
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;
+  int weak_spans_ = 0;  // that ended with a parallax of little significance
 };
 
 }  // namespace raysfm

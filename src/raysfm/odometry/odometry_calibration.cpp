@@ -26,14 +26,15 @@ constexpr double kMayWait = 0.01;
 void Odometry::refine_calibration(int number, bool last) {
   SegmentState& s = segments_[number];
   const int keyframes = static_cast<int>(s.map.keyframes.size());
-  const bool asks_for_shutter = !last && refiner_.is_shutter_due(keyframes);
-  if (!asks_for_shutter && !refiner_.is_due(number, s.map, last)) return;
+  const bool has_known = std::ranges::find(s.is_known, 1) != s.is_known.end();
+  const bool asks_for_shutter = !has_known && refiner_.is_shutter_due(keyframes, last);
+  const bool is_due = refiner_.is_due(number, s.map, last);
+  if (!asks_for_shutter && !is_due) return;
   ScopedTimer timer(calibrate_timing_);
   const auto motion_of = [&](int keyframe) { return keyframe_motion(s.map.keyframes[keyframe]); };
   std::optional<Rig> better;
-  if (asks_for_shutter) {
-    better = refiner_.find_shutter(rig_, number, s.map, motion_of);
-  } else {
+  if (asks_for_shutter) better = refiner_.find_shutter(rig_, number, s.map, motion_of);
+  if (!better && is_due) {
     // Much of what was measured is about key frames that were not adapted to the shutter yet.
     if (last && refiner_.has_found_shutter()) {
       refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);

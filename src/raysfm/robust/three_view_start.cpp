@@ -212,15 +212,21 @@ double find_rival(const ThreeViewBearings& bearings, std::span<const int> inlier
   return differ(*rival, best) ? cost : kNone;
 }
 
-// Refines the search's best motion on its inliers and makes sure that no other fits them better.
+// Refines the search's best motion on its inliers and makes sure that no other fits them better. Where many
+// more of all matches agree with one of the two, these judge: squares count a point behind a camera too.
 ThreeViewMotion best_of_two(const ThreeViewBearings& bearings, std::span<const int> inliers,
                             const MotionRansac& motions, ThreeViewMotion motion, double* rival_cost) {
   constexpr int kIterations = 15;
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  constexpr double kManyMore = 0.02;  // of the matches
   const double cost = ThreeViewRefiner().refine(bearings, inliers, kIterations, &motion);
   ThreeViewMotion rival;
   const double other = find_rival(bearings, inliers, motion, motions, &rival);
   *rival_cost = std::isfinite(other) ? std::max(other, cost) / std::min(other, cost) : 0;
-  return other < cost ? rival : motion;
+  if (!std::isfinite(other)) return motion;
+  const double more = motions.score(motion, kNone).cost - motions.score(rival, kNone).cost;
+  const bool is_clear = std::abs(more) > kManyMore * bearings.size();
+  return (is_clear ? more > 0 : other < cost) ? rival : motion;
 }
 
 // Takes a motion that was refined on the inliers of the search, and refines it once more on its own.
@@ -245,13 +251,21 @@ double enough_inliers(int matches, const ThreeViewOptions& options) {
   return std::max<double>(options.min_inliers, options.min_inlier_ratio * matches);
 }
 
+// The difference D of two sums of squares, in variances of a residual, is known to 2 sqrt(D): it is beyond
+// chance where it is more than 36. Of a point three of six residuals tell its place.
+double least_rival_cost(int inliers, const ThreeViewOptions& options) {
+  constexpr double kBeyondChance = 36;
+  return std::max(options.min_rival_cost, 1 + kBeyondChance / (3.0 * inliers));
+}
+
 StartProblem diagnose(const ThreeViewStart& start, int matches, const ThreeViewOptions& options) {
   const double enough = enough_inliers(matches, options);
   const bool rotation = start.rotation_inliers >= enough &&
                         start.rotation_inliers >= options.rotation_advantage * start.inlier_count;
   if (rotation) return StartProblem::kRotationOnly;
   if (start.inlier_count < enough) return StartProblem::kTooFewInliers;
-  if (start.rival_cost > 0 && start.rival_cost < options.min_rival_cost) return StartProblem::kAmbiguous;
+  if (start.rival_cost > 0 && start.rival_cost < least_rival_cost(start.inlier_count, options))
+    return StartProblem::kAmbiguous;
   if (start.least_parallax < options.min_parallax) return StartProblem::kTooLittleParallax;
   return StartProblem::kNone;
 }
@@ -288,12 +302,14 @@ struct End {
 // one match more outweighs the errors of a hundred.
 void weigh(std::span<const End> others, int matches, const ThreeViewOptions& options, ThreeViewStart* start) {
   constexpr double kAsMany = 0.95, kAboutAsWell = 1.5;  // parts of the matches, times the squared errors
+  // Of few matches a few more or less are chance.
+  const double as_many = std::min(kAsMany, 1 - 1 / std::sqrt(start->inlier_count));
   constexpr double kHardlyFewer = 0.98, kHardlyWorse = 1.02;
   constexpr double kFarApart = 0.2;  // radians: nearer ones come to the same as views are added
   for (const End& other : others) {
     const double share = static_cast<double>(other.inliers) / start->inlier_count;
     const double ratio = std::pow(other.rms_error / start->rms_error, 2);
-    if (share < kAsMany || ratio > kAboutAsWell) continue;
+    if (share < as_many || ratio > kAboutAsWell) continue;
     start->least_parallax = std::min(start->least_parallax, other.parallax);
     if (share < kHardlyFewer || ratio > kHardlyWorse) continue;
     if (angle_apart(other.motion, motion_of(*start)) > kFarApart) start->rival_cost = std::max(1.0, ratio);

@@ -30,7 +30,8 @@ struct ThreeViewOptions {
   double min_parallax = 3e-3;      // radians: least_parallax below which depths are not known
   double rotation_advantage =
       0.85;  // rotation-only inliers / inliers of the full model above which it is a rotation
-  double min_rival_cost = 1.05;  // rival_cost below which the start is ambiguous
+  // rival_cost below which the start is ambiguous; of fewer than 240 inliers more is asked for
+  double min_rival_cost = 1.05;
   int max_iterations = 500;
   double confidence = 0.9999;
   // >= 1: of a start that one search found. A motion far from the right one may agree with most matches where
