@@ -25,7 +25,7 @@ constexpr double kMinSignificance = 28;
 // image moves from one frame to the next: a parallax of more times that is believed with less significance,
 // where so many spans of views before had no more.
 constexpr double kLeastSignificance = 10, kBeyondFrameMotion = 1.5;
-constexpr int kWeakSpans = 2;
+constexpr int kWeakSpans = 5;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
 // Views after which a rig that moves slowly tries to start before its matches become few, and between tries;
