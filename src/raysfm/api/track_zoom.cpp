@@ -164,8 +164,9 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
   const LensReport& lens = *solved->report.lens;
   const bool is_clear = lens.gain == 0 || (lens.gain > kLeastGain && lens.spread > kLeastSpread);
   const bool is_sure = lens.zooming && lens.degenerate.empty() && is_clear;
+  if (!is_sure) return {};
   const FocalRange focals = focal_range(solved->reconstruction);
-  if (!is_sure || focals.most > kMostZoom * focals.least) return {};
+  if (focals.most > kMostZoom * focals.least) return {};
   TrackResult result{std::move(solved->reconstruction), std::move(solved->report)};
   result.report.input = settings.inputs;
   result.report.warnings.push_back(fmt::format(

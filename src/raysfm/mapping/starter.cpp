@@ -332,7 +332,7 @@ std::optional<Starter::CornerMotion> Starter::corner_motion(int camera, int corn
                       after ? view + 1 : view};
 }
 
-// Where a corner would have been seen had the whole image been exposed at once, off from where it was seen.
+// How far a corner is seen from where it would be, had the whole image been exposed at once.
 Eigen::Vector2f Starter::scan_offset(int camera, int corner, int view) const {
   const std::optional<CornerMotion> motion = corner_motion(camera, corner, view);
   if (!motion) return Eigen::Vector2f::Zero();

@@ -26,8 +26,8 @@ constexpr double kMayWait = 0.01;
 void Odometry::refine_calibration(int number, bool last) {
   SegmentState& s = segments_[number];
   const int keyframes = static_cast<int>(s.map.keyframes.size());
-  const bool has_known = std::ranges::find(s.is_known, 1) != s.is_known.end();
-  const bool asks_for_shutter = !has_known && refiner_.is_shutter_due(keyframes, last);
+  const bool asks_for_shutter =
+      refiner_.is_shutter_due(keyframes, last) && std::ranges::find(s.is_known, 1) == s.is_known.end();
   const bool is_due = refiner_.is_due(number, s.map, last);
   if (!asks_for_shutter && !is_due) return;
   ScopedTimer timer(calibrate_timing_);

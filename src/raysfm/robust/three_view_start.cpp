@@ -180,6 +180,10 @@ bool planar_twin(const Rigid3& cam2_from_cam0, const Vector3d& n, Rigid3* twin) 
   return found && twin->rotation.coeffs().allFinite() && twin->translation.allFinite();
 }
 
+double cost_of(const ThreeViewMotion& motion, const MotionRansac& motions) {
+  return motions.score(motion, std::numeric_limits<double>::infinity()).cost;
+}
+
 // The second motion that coplanar points allow, refined on the inliers; infinite cost when there is none.
 double find_rival(const ThreeViewBearings& bearings, std::span<const int> inliers,
                   const ThreeViewMotion& best, const MotionRansac& motions, ThreeViewMotion* rival) {
@@ -217,14 +221,13 @@ double find_rival(const ThreeViewBearings& bearings, std::span<const int> inlier
 ThreeViewMotion best_of_two(const ThreeViewBearings& bearings, std::span<const int> inliers,
                             const MotionRansac& motions, ThreeViewMotion motion, double* rival_cost) {
   constexpr int kIterations = 15;
-  constexpr double kNone = std::numeric_limits<double>::infinity();
   constexpr double kManyMore = 0.02;  // of the matches
   const double cost = ThreeViewRefiner().refine(bearings, inliers, kIterations, &motion);
   ThreeViewMotion rival;
   const double other = find_rival(bearings, inliers, motion, motions, &rival);
   *rival_cost = std::isfinite(other) ? std::max(other, cost) / std::min(other, cost) : 0;
   if (!std::isfinite(other)) return motion;
-  const double more = motions.score(motion, kNone).cost - motions.score(rival, kNone).cost;
+  const double more = cost_of(motion, motions) - cost_of(rival, motions);
   const bool is_clear = std::abs(more) > kManyMore * bearings.size();
   return (is_clear ? more > 0 : other < cost) ? rival : motion;
 }
@@ -274,10 +277,6 @@ ThreeViewMotion motion_of(const ThreeViewStart& start) {
   return {start.cam1_from_cam0, start.cam2_from_cam0};
 }
 
-double cost_of(const ThreeViewStart& start, const MotionRansac& motions) {
-  return motions.score(motion_of(start), std::numeric_limits<double>::infinity()).cost;
-}
-
 // What came of a search, refined and judged.
 void judge(const ThreeViewBearings& bearings, const ThreeViewOptions& options, ThreeViewMotion motion,
            const MotionRansac& motions, ThreeViewStart* start) {
@@ -323,7 +322,7 @@ void search_again(const ThreeViewBearings& bearings, const ThreeViewOptions& opt
                   ThreeViewStart* start) {
   constexpr double kHopeless = 28;  // times the error: of less parallax more searches tell nothing
   const int most = std::max(options.searches, options.searches_in_doubt);
-  double cost = cost_of(*start, motions);
+  double cost = cost_of(motion_of(*start), motions);
   std::vector<End> others;
   for (int k = 1, searches = most; k < searches; ++k) {
     search.seed += kOtherSeed;
@@ -335,7 +334,7 @@ void search_again(const ThreeViewBearings& bearings, const ThreeViewOptions& opt
     other.iterations = report.iterations;
     judge(bearings, options, motion, motions, &other);
     if (!differ(motion_of(other), motion_of(*start))) continue;
-    double other_cost = cost_of(other, motions);
+    double other_cost = cost_of(motion_of(other), motions);
     if (other_cost < cost) std::swap(other, *start), std::swap(other_cost, cost);
     others.push_back({motion_of(other), other.inlier_count, other.rms_error, other.median_parallax});
     ThreeViewStart weighed = *start;

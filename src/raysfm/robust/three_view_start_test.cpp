@@ -222,7 +222,7 @@ TEST(ThreeViewStart, MatchesOfFewPlacesAreNotTrusted) {
   EXPECT_LE(wrong, 8) << started;
 }
 
-// Before a plane, on a way that is hardly bent, of few matches.
+// Before a plane, on a way that is hardly bent.
 int wrong_starts(double bend, int matches, double noise, int* started) {
   int wrong = 0;
   for (uint64_t seed = 0; seed < 200; ++seed) {
