@@ -306,18 +306,20 @@ CalibrationChoice choose_with_readout(const RigParameters& parameters, int reado
 // Rows and columns are not scanned at once. A readout that is not found is no unknown at all, so that lenses
 // of global shutters are found as if there were no others.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
-                                     bool may_scan, bool takes_all) {
+                                     double longest_readout, bool takes_all) {
   CalibrationChoice best = choose_with_readout(parameters, -1, evidence, takes_all);
   double most = 0;
   for (int i = 0; i < parameters.size(); ++i) {
-    if (!may_scan || !is_readout(parameters, i)) continue;
+    if (!(longest_readout > 0) || !is_readout(parameters, i)) continue;
     CalibrationChoice choice = choose_with_readout(parameters, i, evidence, takes_all);
     if (choice.values[i] == 0 || choice.significance[i] <= most) continue;
     if (choice.significance[i] < least_significance(evidence.at[i] != 0)) continue;
     const bool is_unusual =
         is_along_longer_side(parameters, i) || (evidence.at[i] == 0 && is_upwards(parameters, i, choice));
     if (choice.significance[i] < kSurely && is_unusual) continue;
-    if (!is_known_to_roll(parameters.given()) && std::abs(choice.values[i]) < kFastestReadout) continue;
+    const double readout = std::abs(choice.values[i]);
+    const bool can_be = readout >= kFastestReadout && readout <= longest_readout;
+    if (!can_be && !is_known_to_roll(parameters.given())) continue;
     most = choice.significance[i];
     best = std::move(choice);
   }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "raysfm/calibration/calibration_evidence.h"
@@ -32,10 +33,11 @@ struct CalibrationChoice {
 // A focal length that is off by more than four standard deviations of its prior is another lens, of which the
 // prior says nothing: it is then ten times as wide. Likewise the aspect of images that were squeezed, with
 // one 25 times as wide.
-// `may_scan`: else there is no readout. `takes_all`: what is told is changed though it is not significantly
-// off, as nothing speaks for the given numbers.
+// `longest_readout`: seconds, that none is above; 0: there is none. `takes_all`: what is told is changed
+// though it is not significantly off, as nothing speaks for the given numbers.
 CalibrationChoice choose_calibration(const RigParameters& parameters, const CalibrationEvidence& evidence,
-                                     bool may_scan = true, bool takes_all = false);
+                                     double longest_readout = std::numeric_limits<double>::infinity(),
+                                     bool takes_all = false);
 
 // The choice itself, or where a focal length changes by so much that the evidence, which is about the
 // calibration `at`, says little of it, that part of the way which it does speak of.

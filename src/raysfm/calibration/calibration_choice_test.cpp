@@ -232,7 +232,7 @@ TEST_F(ChoiceTest, AReadoutMustBeLikely) {
     sigma[i] = std::abs(seconds) / standard_deviations / std::sqrt(2);  // beside the scatter of residuals
     CalibrationEvidence evidence = evidence_for(truth, sigma);
     evidence.lens_scatter = evidence.scatter;
-    return choose_calibration(unknowns, evidence).values[i] != 0;
+    return choose_calibration(unknowns, evidence, 0.04).values[i] != 0;
   };
   constexpr int kDown = 0, kRight = 1;
   EXPECT_TRUE(finds(640, 480, kDown, 6));
@@ -248,6 +248,9 @@ TEST_F(ChoiceTest, AReadoutMustBeLikely) {
   // Nor is there one of a sensor that is faster than any.
   EXPECT_FALSE(finds(640, 480, kDown, 6, 0.0025));
   EXPECT_TRUE(finds(640, 480, kDown, 6, 0.004));
+  // Nor of one that is slower than it can be.
+  EXPECT_TRUE(finds(640, 480, kDown, 20, 0.039));
+  EXPECT_FALSE(finds(640, 480, kDown, 20, 0.041));
 }
 
 // Of a lens that was known to 2 %, and a map that tells a readout and, to a part of `sigma`, another focal
@@ -295,7 +298,7 @@ TEST_F(ChoiceTest, OfAGuessAllThatIsToldIsTaken) {
   sigma[kK1] = 0.001;
   truth[kK1] = 2 * std::sqrt(2) * 0.001;
   EXPECT_EQ(choice().values[kK1], 0);
-  const CalibrationChoice all = choose_calibration(parameters, evidence_for(truth, sigma), true, true);
+  const CalibrationChoice all = choose_calibration(parameters, evidence_for(truth, sigma), 1, true);
   EXPECT_NEAR(all.values[kK1], truth[kK1], 0.01 * truth[kK1]);
   EXPECT_EQ(all.values[kFocal], 0);
 }

@@ -229,7 +229,7 @@ void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_
 }
 
 CalibrationChoice CalibrationRefiner::choose(const CalibrationEvidence& evidence, bool takes_all) const {
-  return choose_calibration(parameters_, evidence, !shutter_is_dropped_, takes_all);
+  return choose_calibration(parameters_, evidence, shutter_is_dropped_ ? 0 : longest_readout_, takes_all);
 }
 
 // Few key frames tell of a guess what many do not confirm: what is not surely off waits for all of them.
@@ -339,6 +339,11 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
     return chosen_rig();
   }
   return std::nullopt;
+}
+
+void CalibrationRefiner::set_frame_interval(double seconds) {
+  constexpr double kMost = 1.2;  // of an interval: estimates have errors
+  longest_readout_ = kMost * seconds;
 }
 
 bool CalibrationRefiner::has_readout(const Eigen::VectorXd& values) const {

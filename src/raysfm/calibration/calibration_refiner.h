@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -53,6 +54,9 @@ class CalibrationRefiner {
   bool is_shutter_due(int keyframes, bool last) const;
   std::optional<Rig> find_shutter(const TrackingRig& rig, int world, const Map& map,
                                   const MotionOf& motion_of);
+
+  // Seconds from one frame to the next: the last row of an image is read before the first of the next.
+  void set_frame_interval(double seconds);
 
   // Whether a rolling shutter that nobody told was found.
   bool has_found_shutter() const { return has_readout(values_); }
@@ -148,6 +152,7 @@ class CalibrationRefiner {
   bool begins_with_shutter_ = false;  // that was found before, and stays
   bool contradicts_ = false;
   bool shutter_is_dropped_ = false;
+  double longest_readout_ = std::numeric_limits<double>::infinity();
   std::vector<Stretch> stretches_;
 
   std::vector<Rigid3> poses_;

@@ -63,8 +63,12 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
-  // The same, where parts of it fit together badly: each part by itself first. The unit of length may change,
-  // where nothing tells it.
+  // Of a map of few key frames: holds it against the one that a narrow lens can hardly tell from it
+  // (mapping/relief.h). True where that one fits clearly better, and is the map now, adjusted.
+  bool choose_relief(Map* map);
+
+  // Adjusts everything, where parts of it fit together badly: each part by itself first. The unit of length
+  // may change, where nothing tells it.
   void adjust_hierarchically(Map* map);
 
   // Adjusts the key frames from `first` on to cameras that are no longer those that the map was adjusted
@@ -111,6 +115,7 @@ class Mapper {
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
   ScalePrior present_extent() const;
+  void reverse_window();
   void scatter(int first_free, Map* map);
   bool is_adjustment_due(Adjusting adjusting, int keyframes) const;
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);

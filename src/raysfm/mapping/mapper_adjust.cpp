@@ -1,6 +1,7 @@
 // How a map is adjusted.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "raysfm/bundle/bundle_methods.h"
@@ -8,6 +9,7 @@
 #include "raysfm/bundle/residual.h"
 #include "raysfm/core/median.h"
 #include "raysfm/mapping/mapper.h"
+#include "raysfm/mapping/relief.h"
 
 namespace raysfm {
 namespace {
@@ -48,6 +50,15 @@ constexpr int kAdjustEvery = 2;
 constexpr int kMinShared = 10;  // points that make an older key frame part of the window
 constexpr int kMaxOlder = 20;
 
+// Squared error of the worst inlier.
+constexpr double kWorst = kInlierError * kInlierError;
+// Part of that which observations cost in the mean where a few steps do not adapt a map: it may lose all
+// points.
+constexpr double kMostlyOff = 0.95;
+// The same of a reversed map that was not adjusted yet, where a lens is wide; and what the one that is taken
+// costs at most, in parts of what the other does.
+constexpr double kMostReversed = 0.8, kClearlyBetter = 0.9;
+
 BundleOptions settling(BundleOptions options) {
   options.settled = kSettled;
   return options;
@@ -65,6 +76,19 @@ double noise_of(const BundleProblem& problem) {
       squared.push_back(residual.squaredNorm());
   }
   return std::sqrt(median_of(&squared) / (2 * std::numbers::ln2));
+}
+
+// Sum of the squared residuals of all observations. One that is no inlier costs as much as the worst inlier.
+double truncated_cost(const BundleProblem& problem) {
+  ProblemResiduals residuals;
+  residuals.load(problem);
+  double cost = 0;
+  for (size_t i = 0; i < problem.observations.size(); ++i) {
+    Eigen::Vector2d residual;
+    const bool is_seen = residuals(static_cast<int>(i), &residual);
+    cost += is_seen ? std::min(kWorst, residual.squaredNorm()) : kWorst;
+  }
+  return cost;
 }
 
 }  // namespace
@@ -217,6 +241,8 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   gather(map, std::max(0, first - options_.window), first);
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
+  const double off = truncated_cost(problem) / (kWorst * static_cast<double>(window_.observations.size()));
+  if (off > kMostlyOff && how != Adaption::kUntilSettled) how = Adaption::kToTheEnd;
   switch (how) {
     case Adaption::kThinned:
       raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
@@ -279,6 +305,39 @@ void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust({}, kAdjustment, kAdjustment, map);
   release_scratch(*map);
+}
+
+void Mapper::reverse_window() {
+  const Rigid3 cam_from_rig = rig_.cam_from_rig(0), rig_from_cam = cam_from_rig.inverse();
+  for (Rigid3& pose : window_.poses) pose = cam_from_rig * pose;
+  reverse_relief(window_.poses, window_.points);
+  for (Rigid3& pose : window_.poses) pose = rig_from_cam * pose;
+  std::ranges::fill(window_.inliers, 1);
+}
+
+bool Mapper::choose_relief(Map* map) {
+  if (rig_.size() > 1 || !rig_.central()) return false;  // the rays tell them apart
+  ScopedTimer timer(adjust_timing);
+  gather(map, 0, 0);
+  const BundleProblem problem = window_problem(*map);
+  const auto observations = static_cast<double>(window_.observations.size());
+  if (window_.points.empty()) return false;
+  const double as_it_is = truncated_cost(problem);
+  reverse_window();
+  // A wide lens tells them apart at once.
+  const bool may_be = truncated_cost(problem) < kMostReversed * kWorst * observations;
+  double reversed = std::numeric_limits<double>::infinity();
+  if (may_be) {
+    adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
+    reversed = truncated_cost(problem);
+  }
+  const bool is_better = reversed < kClearlyBetter * as_it_is;
+  if (is_better) {
+    scatter(0, map);
+  } else {
+    for (const int t : window_.tracks) window_.point_of_track[t] = -1;
+  }
+  return is_better;
 }
 
 void Mapper::adjust_hierarchically(Map* map) {

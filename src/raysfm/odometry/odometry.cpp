@@ -388,6 +388,7 @@ double Odometry::promote(const ViewPtr& view, const Localisation& pose, Adjustin
   const double factor = segment().map.rescaled / rescaled;
   rescale_frames(world(), factor);
   if (!goes_back_) {
+    doubt_relief();
     refine_calibration(world(), false);
     follow_errors(segment().map);
   }

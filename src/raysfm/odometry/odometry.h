@@ -156,6 +156,7 @@ class Odometry {
     int looked_about = 0;        // key frames before it are places, or will never be
     int newest_place = -1;       // key frame that was looked about from last
     int newest_meeting = -1000;  // key frame that saw a place again
+    int relief_due = 4;          // key frames at which its relief is doubted next
     // Of the key frames that were gone through: 1 where it is one of the few that stayed of a second look.
     std::vector<uint8_t> is_known = {};
     bool closed = false;   // parts of its map were brought together since all of it was adjusted
@@ -257,6 +258,7 @@ class Odometry {
   void pose_missed(const std::vector<WaitingView>& missed);
   // odometry_scan.cpp:
   RigMotion motion_of(int frame, const Rigid3& rig_from_world, const Rigid3* next = nullptr) const;
+  double frame_interval() const;
   RigMotion present_motion(int frame) const;
   RigMotion keyframe_motion(const MapKeyFrame& keyframe) const;
   void follow_scan(const View& view, Localisation* pose);
@@ -265,6 +267,7 @@ class Odometry {
   RigMotion start_motion(int keyframe) const;
   void pose_frames_again(int segment);
   void refine_start();
+  void doubt_relief();
   // odometry_across.cpp:
   EndedWorld end_world();
   std::optional<Meeting> look_across(EndedWorld* ended, const ViewPtr& earliest);

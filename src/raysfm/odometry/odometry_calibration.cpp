@@ -31,6 +31,7 @@ void Odometry::refine_calibration(int number, bool last) {
   const bool is_due = refiner_.is_due(number, s.map, last);
   if (!asks_for_shutter && !is_due) return;
   ScopedTimer timer(calibrate_timing_);
+  refiner_.set_frame_interval(frame_interval());
   const auto motion_of = [&](int keyframe) { return keyframe_motion(s.map.keyframes[keyframe]); };
   std::optional<Rig> better;
   if (asks_for_shutter) better = refiner_.find_shutter(rig_, number, s.map, motion_of);

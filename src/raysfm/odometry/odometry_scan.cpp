@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <vector>
 
+#include "raysfm/core/median.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/views/scan_correction.h"
 
@@ -36,6 +39,19 @@ RigMotion Odometry::motion_of(int number, const Rigid3& rig_from_world, const Ri
     }
   }
   return motion_at(here, others);
+}
+
+// Seconds from one frame to the next, in the median of the newest.
+double Odometry::frame_interval() const {
+  constexpr size_t kNewest = 200;
+  std::vector<double> intervals;
+  const FrameRecord* next = nullptr;
+  for (auto frame = frames_.rbegin(); frame != frames_.rend() && intervals.size() < kNewest; ++frame) {
+    if (frame->same_as >= 0) continue;
+    if (next) intervals.push_back(next->timestamp - frame->timestamp);
+    next = &*frame;
+  }
+  return intervals.empty() ? std::numeric_limits<double>::infinity() : median_of(&intervals);
 }
 
 RigMotion Odometry::present_motion(int number) const {

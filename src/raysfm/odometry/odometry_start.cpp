@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <limits>
 #include <utility>
 
 #include "raysfm/geometry/interpolation.h"
@@ -9,6 +11,7 @@
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/places/map_fusion.h"
 #include "raysfm/scene/map_order.h"
+#include "raysfm/views/surfaces.h"
 
 namespace raysfm {
 
@@ -49,6 +52,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   }
   pose_copies(views);
   if (rig_.scans()) refine_start();
+  doubt_relief();
 
   std::optional<Meeting> meeting;
   if (ended.number >= 0) {
@@ -211,6 +215,26 @@ void Odometry::hang_on_earlier_keyframes() {
     while (before > 0 && map.keyframes[before].frame > f) --before;
     if (before != frame.keyframe) hang_on(before, map, &frame);
   }
+}
+
+// Through a narrow lens the three views of a start may look the same as those of a world inside out. More key
+// frames tell.
+void Odometry::doubt_relief() {
+  constexpr std::array kDoubted = {4, 6, 9, 14, 20};  // key frames
+  SegmentState& s = segment();
+  const auto keyframes = static_cast<int>(s.map.keyframes.size());
+  if (keyframes < s.relief_due || s.map.keyframes[0].frame < 0) return;
+  const auto* next = std::ranges::upper_bound(kDoubted, keyframes);
+  s.relief_due = next == kDoubted.end() ? std::numeric_limits<int>::max() : *next;
+  std::vector<Rigid3> before;
+  for (const MapKeyFrame& k : s.map.keyframes) before.push_back(k.rig_from_world);
+  if (!mapper_.choose_relief(&s.map)) return;
+  carry_frames(world(), before);
+  refine_start();
+  for (int k = 0; k < keyframes; ++k) {
+    if (s.views[k].view) fit_surfaces(rig_, s.map, k, &s.views[k]);
+  }
+  if (tracking()) learn_velocity();
 }
 
 // Views that show the same as an earlier one have its pose.

@@ -35,7 +35,7 @@ void Odometry::FrameRecord::archive(A& a) {
 template <typename A>
 void Odometry::SegmentState::archive(A& a) {
   raysfm::archive(a, map, views, start, end_reason, calibration, looked_about, newest_place, newest_meeting,
-                  is_known, closed, joined_into);
+                  relief_due, is_known, closed, joined_into);
 }
 
 template <typename A>

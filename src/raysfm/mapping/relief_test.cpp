@@ -1,0 +1,124 @@
+#include "raysfm/mapping/relief.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <variant>
+
+#include "support/narrow_scene.h"
+
+namespace raysfm {
+namespace {
+
+using testing_support::map_of;
+using testing_support::NarrowScene;
+
+TEST(Relief, ANarrowerLensTellsLessOfTwo) {
+  double before = 1e9;
+  for (const double fov : {40.0, 20.0, 10.0, 5.0}) {
+    const NarrowScene scene(fov);
+    NarrowScene reversed = scene;
+    reversed.reverse();
+    const double apart = scene.apart(reversed);
+    EXPECT_LT(apart, 0.6 * before) << fov;
+    before = apart;
+    // The one is not the other: what was near is far.
+    const double depth = scene.points[0].z() - scene.camera.pixels_per_radian() / NarrowScene::kSide;
+    const double other = reversed.points[0].z() - scene.camera.pixels_per_radian() / NarrowScene::kSide;
+    EXPECT_LT(depth * other, 0);
+  }
+  EXPECT_LT(before, 0.3);
+}
+
+TEST(Relief, TheFirstPoseAndItsDirectionsStay) {
+  const NarrowScene scene(30);
+  NarrowScene reversed = scene;
+  reversed.reverse();
+  EXPECT_LT(reversed.cam_from_world[0].rotation.angularDistance(scene.cam_from_world[0].rotation), 1e-12);
+  EXPECT_LT((reversed.cam_from_world[0].translation - scene.cam_from_world[0].translation).norm(), 1e-12);
+  for (size_t i = 0; i < scene.points.size(); ++i) {
+    EXPECT_LT((reversed.points[i].normalized() - scene.points[i].normalized()).norm(), 1e-12);
+  }
+}
+
+TEST(Relief, TwiceIsAsItWas) {
+  const NarrowScene scene(30);
+  NarrowScene twice = scene;
+  twice.reverse();
+  twice.reverse();
+  for (size_t k = 0; k < scene.cam_from_world.size(); ++k) {
+    EXPECT_LT(twice.cam_from_world[k].rotation.angularDistance(scene.cam_from_world[k].rotation), 1e-9);
+    EXPECT_LT((twice.cam_from_world[k].translation - scene.cam_from_world[k].translation).norm(), 1e-9);
+  }
+  for (size_t i = 0; i < scene.points.size(); ++i) {
+    EXPECT_LT((twice.points[i] - scene.points[i]).norm(), 1e-9);
+  }
+}
+
+// Largest error of a rotation between a key frame and the first, radians.
+double worst_rotation(const Map& map, const NarrowScene& truth) {
+  double worst = 0;
+  for (size_t k = 0; k < map.keyframes.size(); ++k) {
+    worst = std::max(
+        worst, map.keyframes[k].rig_from_world.rotation.angularDistance(truth.cam_from_world[k].rotation));
+  }
+  return worst;
+}
+
+class ReliefOfMapTest : public testing::TestWithParam<double> {};
+
+TEST_P(ReliefOfMapTest, AMapInsideOutIsTurned) {
+  const NarrowScene scene(GetParam());
+  NarrowScene reversed = scene;
+  reversed.reverse();
+  const TrackingRig rig(Rig{{scene.camera}});
+  const OdometryOptions options;
+  Mapper mapper(rig, options);
+  Map map = map_of(rig, scene, reversed);
+  mapper.adjust_globally(&map);
+  ASSERT_GT(worst_rotation(map, scene), 0.05) << "adjusting is enough";
+  EXPECT_TRUE(mapper.choose_relief(&map));
+  EXPECT_LT(worst_rotation(map, scene), 0.01);
+  EXPECT_FALSE(mapper.choose_relief(&map));
+}
+
+TEST_P(ReliefOfMapTest, TheRightMapStays) {
+  const NarrowScene scene(GetParam());
+  const TrackingRig rig(Rig{{scene.camera}});
+  const OdometryOptions options;
+  Mapper mapper(rig, options);
+  Map map = map_of(rig, scene, scene);
+  mapper.adjust_globally(&map);
+  const Map before = map;
+  EXPECT_FALSE(mapper.choose_relief(&map));
+  for (size_t k = 0; k < map.keyframes.size(); ++k) {
+    EXPECT_EQ(map.keyframes[k].rig_from_world.rotation.coeffs(),
+              before.keyframes[k].rig_from_world.rotation.coeffs());
+    EXPECT_EQ(map.keyframes[k].inliers, before.keyframes[k].inliers);
+  }
+  for (size_t i = 0; i < map.tracks.size(); ++i) EXPECT_EQ(map.tracks[i].position, before.tracks[i].position);
+}
+
+// Another lens moves all that a narrow one sees by more than an inlier may be off.
+TEST_P(ReliefOfMapTest, AMapFollowsAnotherLensWithAllItsPoints) {
+  NarrowScene scene(GetParam());
+  const TrackingRig rig(Rig{{scene.camera}});
+  const Map seen = map_of(rig, scene, scene);
+  auto& lens = std::get<Pinhole>(scene.camera.model);
+  lens.fy *= 1.1, lens.cx += 40, lens.cy -= 30;
+  const TrackingRig other(Rig{{scene.camera}});
+  const OdometryOptions options;
+  Mapper mapper(other, options);
+  for (const Adaption how : {Adaption::kThinned, Adaption::kTwoSeriesThinned, Adaption::kTwoSeries}) {
+    Map map = seen;
+    mapper.adapt_to_cameras(0, how, &map);
+    const auto is_there = [](const Track& track) { return track.triangulated; };
+    EXPECT_GT(std::ranges::count_if(map.tracks, is_there), 190);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Fields, ReliefOfMapTest, testing::Values(15.0, 20.0, 33.0),
+                         testing::PrintToStringParamName());
+
+}  // namespace
+}  // namespace raysfm
