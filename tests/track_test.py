@@ -360,6 +360,20 @@ cameras:
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.001 * judged["length_m"])
 
+    def test_a_wide_lens_held_upright(self):
+        """Of a phone that looks about, with a rolling shutter; nobody tells what it is."""
+        film, camera = self.folder / "film", self.folder / "upright.yaml"
+        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: kannala-brandt, resolution: [450, 800], "
+                          "intrinsics: {fx: 382, fy: 382, cx: 223.6, cy: 407.2, k1: -0.0082, k2: 0, k3: 0, k4: 0}}\n")
+        done = run("synth", "corridor", "--camera", camera, "--motion", "look", "--fps", 30, "--frames", 60, "--length", 2.4, "--noise", 2,
+                   "--readout", 30, "--seed", 300, "--samples", 1, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (film / "camera.yaml").unlink()
+        self.assertEqual(self.track(film).returncode, 0)
+        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        self.assertEqual(judged["coverage"], 1)
+        self.assertLess(judged["ate"]["mean"], 0.0005 * judged["length_m"])
+
     def test_a_turn_that_feigns_a_way(self):
         """Blur and a rolling shutter do."""
         source = SHARED / "fr1-rpy"

@@ -74,8 +74,8 @@ CalibrationPrior prior_of(const UncalibratedReconstruction& found, int image, co
   const double focal = found.scene.lenses[image].fx;
   const double rim2 = std::min(1.0, (0.5 * tracks.image_size / focal).squaredNorm());
   CalibrationPrior prior{.focal = doubt * sigma[0] / focal, .without_shutter = true};
-  prior.centre = std::clamp(doubt * std::max(sigma[2], sigma[3]) / tracks.image_size.x(), kSurest.centre,
-                            kVaguest.centre);
+  prior.centre = std::clamp(doubt * std::max(sigma[2], sigma[3]) / tracks.image_size.maxCoeff(),
+                            kSurest.centre, kVaguest.centre);
   prior.rim = kVaguest.rim;
   if (!found.radial.none()) {
     const double rim = std::max(found.radial_sigma.k1 * rim2, found.radial_sigma.k2 * rim2 * rim2);

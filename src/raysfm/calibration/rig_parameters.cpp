@@ -180,8 +180,8 @@ void RigParameters::add_model(int c) {
   if (index_of(camera.model, "fx") >= 0 && !std::holds_alternative<Equirectangular>(camera.model)) {
     add(c, Kind::kFocal, 0, prior_.focal, kUsual.focal);
     add(c, Kind::kAspect, 0, prior_.aspect, kUsual.aspect);
-    number("cx", &CalibrationPrior::centre, camera.width);
-    number("cy", &CalibrationPrior::centre, camera.width);
+    number("cx", &CalibrationPrior::centre, camera.longer_side());
+    number("cy", &CalibrationPrior::centre, camera.longer_side());
   }
   const double rim = rim_of(camera);
   if (std::holds_alternative<Radtan>(camera.model) || std::holds_alternative<Rational>(camera.model)) {

@@ -13,7 +13,7 @@ namespace raysfm {
 struct CalibrationPrior {
   double focal = 0.02;    // of the focal lengths, as a part of them
   double aspect = 0.002;  // of fy / fx, as a part of it
-  double centre = 0.01;   // of the principal point, as a part of the image's width
+  double centre = 0.01;   // of the principal point, as a part of the image's longer side
   double rim = 0.03;      // of a coefficient of distortion: what moves the rim of the image by this part
   // Of a rolling shutter, seconds; 0: it is as the cameras say. Else a shutter of theirs is what was found
   // before, from where it goes on.

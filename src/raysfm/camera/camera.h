@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -70,6 +71,9 @@ struct Camera {
   bool contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;
   }
+
+  // Pixels. What is a part of the image is one of this, however the camera is held.
+  int longer_side() const { return std::max(width, height); }
 
   // Pixels per radian near the centre of the image: the conversion between pixel and angular thresholds.
   // Zero where no pixel sees anything.

@@ -25,7 +25,7 @@ constexpr PatchAlignmentOptions kFirstAlignment{
 constexpr PatchAlignmentOptions kAlignment{.min_zncc = kMinPoseZncc};
 constexpr double kMaxScaleChange = 1.4, kMinViewCosine = 0.94;  // of a reference patch, against the anchor
 
-// For a first pose, with each effort: radius as a part of the image's width, and points matched.
+// For a first pose, with each effort: radius as a part of the image's longer side, and points matched.
 constexpr std::array<std::pair<float, int>, 3> kSearch = {{{0.015f, 300}, {0.04f, 600}, {0.12f, 1000}}};
 // To believe a pose: points, and parts of the visible points of the anchor.
 constexpr int kMinMatches = 20;
@@ -497,7 +497,7 @@ bool Localiser::refine(const Map& map, std::span<const TrackPixel> matches, Rigi
 
 SearchRange range_of(Effort effort, const View& view) {
   const auto& [radius_share, coarse_points] = kSearch[static_cast<size_t>(effort)];
-  return {radius_share * static_cast<float>(view.cameras[0].width), coarse_points};
+  return {radius_share * static_cast<float>(view.cameras[0].longer_side()), coarse_points};
 }
 
 bool believable(const Localisation& pose) {

@@ -18,8 +18,8 @@ constexpr float kMinMapZncc = 0.75f;
 constexpr double kMinParallax = 0.02, kLeastParallax = 0.005;
 constexpr int kEnoughPoints = 200;
 constexpr float kSearchSlack = 3.0f;  // pixels of the octave
-// Parts of the image's width: of the search along the epipolar line, and of the features that tell the depth
-// of one without.
+// Parts of the image's longer side: of the search along the epipolar line, and of the features that tell the
+// depth of one without.
 constexpr float kMaxSearch = 0.05f, kNeighbourhood = 0.09f;
 // Cells that share a guess of the distance, in radii of the neighbourhood.
 constexpr float kPriorCell = 0.5f;
@@ -39,7 +39,7 @@ class DistancePrior {
       pixels.push_back(k.pixels[f]);
       distances_.push_back(distance);
     }
-    neighbourhood_ = kNeighbourhood * static_cast<float>(rig.camera(camera).width);
+    neighbourhood_ = kNeighbourhood * static_cast<float>(rig.camera(camera).longer_side());
     cell_ = kPriorCell * neighbourhood_;
     columns_ = static_cast<int>(static_cast<float>(rig.camera(camera).width) / cell_) + 1;
     const int rows = static_cast<int>(static_cast<float>(rig.camera(camera).height) / cell_) + 1;
@@ -244,7 +244,7 @@ void Mapper::follow_in(int camera, int anchor, int keyframe, const RigMotion& mo
   const Rigid3 target_from_anchor = rig_.cam_from_rig(camera) * map->keyframes[keyframe].rig_from_world *
                                     from.rig_from_world.inverse() * rig_.camera(camera).rig_from_cam;
   DistancePrior prior(*map, anchor, rig_, camera);
-  const float max_radius = kMaxSearch * static_cast<float>(rig_.camera(camera).width);
+  const float max_radius = kMaxSearch * static_cast<float>(rig_.camera(camera).longer_side());
   const Eigen::Matrix3d rotation = target_from_anchor.rotation.toRotationMatrix();
   queries_.clear(), followed_.clear(), on_rays_.clear();
   for (int f = 0; f < from.size(); ++f) {

@@ -29,8 +29,8 @@ constexpr int kWeakSpans = 5;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
 // Views after which a rig that moves slowly tries to start before its matches become few, and between tries;
-// and how far, as a part of the image's width, corners must have moved for a single camera, and how much
-// farther for another try.
+// and how far, as a part of the image's longer side, corners must have moved for a single camera, and how
+// much farther for another try.
 constexpr int kPatience = 15, kBetweenTries = 5;
 constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
 constexpr size_t kNewViews = 8;     // of those that wait: they are never released
@@ -116,7 +116,7 @@ bool Starter::is_worth_a_try(int current) {
   if (waited < kPatience || waited % kBetweenTries != 0) return false;
   if (rig_.size() > 1) return true;
   const float moved = from_first_[0].median_displacement();
-  const float wanted = kMotionForTry * static_cast<float>(rig_.camera(0).width);
+  const float wanted = kMotionForTry * static_cast<float>(rig_.camera(0).longer_side());
   if (moved < std::max(wanted, kFartherForTry * tried_at_)) return false;
   tried_at_ = moved;
   return true;

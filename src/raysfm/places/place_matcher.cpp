@@ -14,8 +14,8 @@ constexpr float kMaxRatio = 0.85f;  // of the distances to the nearest descripto
 constexpr int kMinMatches = 12;     // no pose that is sure comes from fewer
 constexpr int kMinMatchesEnd = 10;  // where track ended, what the pose leads to tells the more
 constexpr double kCornerError = 4;  // standard deviations, which are pixels of the octave
-// Once a pose is there: how far a corner may be from where it sees a point, as a part of the image's width,
-// and the bits by which the two may differ.
+// Once a pose is there: how far a corner may be from where it sees a point, as a part of the image's longer
+// side, and the bits by which the two may differ.
 constexpr float kGuideShare = 0.012f;
 constexpr int kMostDifferent = 70, kMostDifferentUpright = 60;
 constexpr double kRivalShare = 0.3;  // of the matches that agree with a pose, which another explains
@@ -62,7 +62,7 @@ double log10_choose(int n, int k) {
 }  // namespace
 
 ImageCell cell_of(const TrackingRig& rig, int camera, const Eigen::Vector2f& pixel) {
-  const float side = static_cast<float>(rig.camera(camera).width) / kCellsAcross;
+  const float side = static_cast<float>(rig.camera(camera).longer_side()) / kCellsAcross;
   return {camera, static_cast<int>(pixel.x() / side), static_cast<int>(pixel.y() / side)};
 }
 
@@ -166,7 +166,7 @@ void PlaceMatcher::begin_to_look(const DescribedCorners& seen, const Map& map, b
 template <typename Differing>
 int PlaceMatcher::nearest_corner(int camera, const Eigen::Vector2d& pixel, int most,
                                  const Differing& differing) const {
-  const float radius = kGuideShare * static_cast<float>(rig_.camera(camera).width);
+  const float radius = kGuideShare * static_cast<float>(rig_.camera(camera).longer_side());
   int best = -1, best_distance = most + 1;
   grids_[camera].for_each_in(pixel.cast<float>(), radius, [&](int j) {
     const int corner = corners_of_camera_[camera][j];
@@ -185,7 +185,7 @@ void PlaceMatcher::look_aside(int camera, const Eigen::Vector2d& pixel, int most
   const ImageCell cell = cell_of(rig_, camera, pixel.cast<float>());
   search_.looked_for.insert(cell);
   for (int side = 0; side < 4; ++side) {
-    const double far = kAside * kGuideShare * rig_.camera(camera).width * (side % 2 == 0 ? 1 : -1);
+    const double far = kAside * kGuideShare * rig_.camera(camera).longer_side() * (side % 2 == 0 ? 1 : -1);
     const Eigen::Vector2d aside = pixel + (side < 2 ? Eigen::Vector2d(far, 0) : Eigen::Vector2d(0, far));
     if (nearest_corner(camera, aside, most, differing) >= 0) search_.aside[side].insert(cell);
   }

@@ -17,8 +17,8 @@ constexpr Agreement kInPhotos[] = {{20, 0.5}, {15, 0.3}};
 constexpr double kDoubtful = 0.45;
 constexpr int kTimesDropped = 2;      // after which a photo stays out
 constexpr double kLeastParallax = 2;  // of a point, in errors of an inlier at most
-// Of an inlier, as a part of the image's width, as long as the lens is a guess: what is wrong with it makes
-// errors that grow with the image. Of 560 pixels that is 3.
+// Of an inlier, as a part of the image's longer side, as long as the lens is a guess: what is wrong with it
+// makes errors that grow with the image. Of 560 pixels that is 3.
 constexpr double kGuessedError = 0.0054;
 constexpr int kFewImages = 5;       // that tell no lens yet
 constexpr int kRounds = 12;         // of lens and scene in turn, at most
@@ -36,7 +36,8 @@ RayGrowth::RayGrowth(const PointTracks& tracks, const Camera& guess, const RayOp
       of_image_(tracks.image_count),
       of_point_(tracks.point_count),
       values_(Eigen::VectorXd::Zero(parameters_.size())),
-      max_error_(std::max(options.max_error_px, options.is_known ? 0.0 : kGuessedError * guess.width)) {
+      max_error_(
+          std::max(options.max_error_px, options.is_known ? 0.0 : kGuessedError * guess.longer_side())) {
   r_.camera = parameters_.given().cameras[0];
   r_.cam_from_world.resize(tracks.image_count);
   r_.points.assign(tracks.point_count, Eigen::Vector3d::Zero());

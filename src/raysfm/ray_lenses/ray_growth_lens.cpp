@@ -107,7 +107,7 @@ void RayGrowth::take_sigma() {
     if (parameters_[i].kind == Kind::kFocal) {
       s.focal = sigma[i];
     } else if (is_centre) {
-      s.centre = std::max(s.centre, sigma[i] / r_.camera.width);
+      s.centre = std::max(s.centre, sigma[i] / r_.camera.longer_side());
     } else if (parameters_[i].kind == Kind::kNumber) {
       r_.strain = std::max(r_.strain, std::abs(values_[i]) / sigma_[i]);
       s.rim = std::max(s.rim, usual.rim * sigma[i] / parameters_[i].prior_sigma);

@@ -17,7 +17,8 @@ struct RayReconstruction;
 // How tracks are reconstructed through a camera that is guessed, or known.
 struct RayOptions {
   double max_error_px = 3.0;  // of an inlier, > 0
-  // Standard deviation of the principal point about the one guessed, as a share of the image's width, > 0.
+  // Standard deviation of the principal point about the one guessed, as a share of the image's longer side, >
+  // 0.
   double centre_sigma = 0.03;
   bool is_known = false;  // the camera is no guess: it stays as it is
   bool in_order = true;   // of time; else images see one another in any order

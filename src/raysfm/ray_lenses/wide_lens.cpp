@@ -16,8 +16,8 @@ namespace {
 // Part of its distance from the centre at which a corner of the image is seen, to that without distortion;
 // and the angle at which it is seen, degrees.
 constexpr double kBent = 0.9, kWideCorner = 52;
-// Angles that the width of the image is guessed to span, degrees: of a fisheye whose circle lies within the
-// image more than there is.
+// Angles that the longer side of the image is guessed to span, degrees: of a fisheye whose circle lies within
+// the image more than there is.
 constexpr double kGuesses[] = {140, 105, 190, 250};
 constexpr double kNearlyAll = 0.55;   // observations, of all: some points are too far to be told
 constexpr double kEnoughPosed = 0.9;  // images, of those that a perspective lens poses
@@ -37,7 +37,7 @@ constexpr double kSureFocal = 0.02;  // standard deviation of a focal length, as
 std::vector<Camera> guesses(const Eigen::Vector2d& size) {
   std::vector<Camera> cameras;
   for (const double degrees : kGuesses) {
-    const double focal = size.x() / (degrees * std::numbers::pi / 180);
+    const double focal = size.maxCoeff() / (degrees * std::numbers::pi / 180);
     Camera& camera = cameras.emplace_back();
     camera.width = static_cast<int>(size.x());
     camera.height = static_cast<int>(size.y());

@@ -15,8 +15,8 @@ namespace raysfm {
 namespace {
 
 constexpr size_t kFollowed = 3;  // key frames
-// A key frame is made when corners have moved by this part of the image's width, or when fewer than this
-// part of the corners is found again.
+// A key frame is made when corners have moved by this part of the image's longer side, or when fewer than
+// this part of the corners is found again.
 constexpr float kKeyframeMotion = 0.05f;
 constexpr double kKeyframeShare = 0.5;
 // An image with fewer corners is no key frame: black, or blurred. One with so many times the corners of the
@@ -102,7 +102,7 @@ bool TrackJoiner::keyframe_needed(const CameraView& camera, int matched) const {
   const PairTracker& newest = followed_.front().tracker;
   const CameraView& base = newest.base();
   if (camera.features.size() > kManyMore * base.features.size()) return true;
-  return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.width) ||
+  return newest.median_displacement() > kKeyframeMotion * static_cast<float>(base.longer_side()) ||
          matched < kKeyframeShare * base.features.size();
 }
 

@@ -23,7 +23,7 @@ constexpr int kMostInCell = 4;   // corners that tell whether it moved
 constexpr size_t kLeastMarks = 5;
 // Part of the image: what stays is rather the scene of a camera that stands.
 constexpr double kMostMarked = 0.4;
-// Of a mark, part of the image's width: between the letters of a text, and patches that reach into it.
+// Of a mark, part of the image's longer side: between the letters of a text, and patches that reach into it.
 constexpr float kReach = 0.025f;
 
 // Whether a corner at a place shows a patch.
@@ -208,7 +208,7 @@ bool FixedMarks::watch(const View& view) {
 bool FixedMarks::end_round(const View& view) {
   const std::vector<Mark> before = marks_;
   for (int c = 0; c < static_cast<int>(cameras_.size()); ++c) {
-    const float reach = kReach * static_cast<float>(view.cameras[c].width);
+    const float reach = kReach * static_cast<float>(view.cameras[c].longer_side());
     const auto is_near = [&](const Mark& m, const Eigen::Vector2f& pixel) {
       return m.camera == c && (m.pixel - pixel).norm() < 0.5f * reach;
     };

@@ -8,7 +8,7 @@
 namespace raysfm {
 namespace {
 
-// Part of the image's width, and neighbours at most. 0.05 to 0.1 and 6 to 16 do about as well.
+// Part of the image's longer side, and neighbours at most. 0.05 to 0.1 and 6 to 16 do about as well.
 constexpr float kNeighbourhood = 0.06f;
 constexpr int kMostNeighbours = 10;
 constexpr float kFirstLook = 0.4f;  // part of the neighbourhood, which changes no result
@@ -122,7 +122,7 @@ class SurfaceFit {
 void fit_surfaces(const TrackingRig& rig, const Map& map, int keyframe, KeyFrameView* view) {
   for (int c = 0; c < rig.size(); ++c) {
     const SeenPoints seen(rig, map, map.keyframes[keyframe], c);
-    SurfaceFit fit(seen, kNeighbourhood * static_cast<float>(rig.camera(c).width));
+    SurfaceFit fit(seen, kNeighbourhood * static_cast<float>(rig.camera(c).longer_side()));
     for (int i = 0; i < static_cast<int>(seen.features.size()); ++i) {
       const int f = seen.features[i];
       fit.turn(i, {view->origins[f].cast<double>(), view->directions[f].cast<double>()},

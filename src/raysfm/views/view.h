@@ -35,6 +35,8 @@ struct CameraImage {
   // Of the picture in which this image begins at `origin`; let go by detect(). Null where it is grey.
   std::shared_ptr<const ColorPlanes> colors;
   Eigen::Vector2i origin = Eigen::Vector2i::Zero();
+
+  int longer_side() const { return std::max(width, height); }
 };
 
 // The image of one camera: everything that later stages need of it. Pixels are those of the image as taken,
