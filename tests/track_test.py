@@ -374,6 +374,20 @@ cameras:
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.0005 * judged["length_m"])
 
+    def test_a_pan_that_looks_like_a_crop(self):
+        """A rolling shutter that turns moves the axis of the lens that explains it best far to the side."""
+        film, camera = self.folder / "film", self.folder / "wide.yaml"
+        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: radtan, resolution: [1280, 720], "
+                          "intrinsics: {fx: 640, fy: 640, cx: 634.87, cy: 358.82, k1: -0.0923, k2: 0.0138, p1: 0, p2: 0}}\n")
+        done = run("synth", "street", "--camera", camera, "--motion", "pan", "--fps", 15, "--frames", 80, "--length", 6.4, "--noise", 4,
+                   "--blur", 0.01, "--readout", 20, "--seed", 441, "--samples", 1, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (film / "camera.yaml").unlink()
+        self.assertEqual(self.track(film).returncode, 0)
+        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        self.assertGreater(judged["coverage"], 0.9)
+        self.assertLess(judged["ate"]["mean"], 0.01 * judged["length_m"])
+
     def test_a_turn_that_feigns_a_way(self):
         """Blur and a rolling shutter do."""
         source = SHARED / "fr1-rpy"

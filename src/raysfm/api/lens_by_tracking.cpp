@@ -31,6 +31,15 @@ constexpr double kMostVague = 0.2, kNear = 0.1;
 // By how much the principal point of a crop may move, as a part of the larger side.
 constexpr double kCentreStays = 0.03;
 
+// A crop's map fits no worse than those of lenses whose axis is in the middle: by how much, at most.
+constexpr double kWorse = 1.1;
+
+// A lens, and the errors of the map that told it.
+struct ToldByMap {
+  FoundLens lens;
+  double rms_px = 0;
+};
+
 // Ends a run after so many frames, or with the run that it is a part of.
 class FrameLimit : public TrackWatcher {
  public:
@@ -45,7 +54,7 @@ class FrameLimit : public TrackWatcher {
 };
 
 // The lens at which tracking from a guess ends, where its map tells it.
-std::optional<FoundLens> refined_guess(const TrackSettings& settings, const TrackCallbacks& callbacks,
+std::optional<ToldByMap> refined_guess(const TrackSettings& settings, const TrackCallbacks& callbacks,
                                        FoundLens guess, const CalibrationPrior& prior) {
   guess.prior = prior;
   guess.is_guess = true;
@@ -65,7 +74,7 @@ std::optional<FoundLens> refined_guess(const TrackSettings& settings, const Trac
                  .last_frame = static_cast<int>(r.frames.size()) - 1,
                  .focal = focal->refined,
                  .focal_sigma = focal->sigma / focal->refined};
-  return lens;
+  return ToldByMap{std::move(lens), r.rms_reprojection_px};
 }
 
 // No lens is surer than it is far from what else was found, as a part of the focal length.
@@ -106,15 +115,15 @@ bool centre_holds(const FoundLens& vague, const FoundLens& refined) {
 }
 
 // From what a stretch says; none where its map says something else.
-std::optional<FoundLens> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
+std::optional<ToldByMap> refined_vague(const TrackSettings& settings, const TrackCallbacks& callbacks,
                                        const FoundLens& vague) {
   if (!(vague.origin.focal_sigma <= kMostVague)) return std::nullopt;
-  std::optional<FoundLens> lens = refined_guess(settings, callbacks, vague, kVaguelyTold);
-  if (!lens) return std::nullopt;
-  const double off = apart(*lens, vague);
-  if (off > kNear || !centre_holds(vague, *lens)) return std::nullopt;
-  doubt(off, &*lens);
-  return lens;
+  std::optional<ToldByMap> told = refined_guess(settings, callbacks, vague, kVaguelyTold);
+  if (!told) return std::nullopt;
+  const double off = apart(told->lens, vague);
+  if (off > kNear || !centre_holds(vague, told->lens)) return std::nullopt;
+  doubt(off, &told->lens);
+  return told;
 }
 
 }  // namespace
@@ -126,8 +135,10 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
   for (std::string* file : {&quiet.checkpoint, &quiet.map, &quiet.save_map}) file->clear();
   quiet.final = "none";
   quiet.odometry.finishes_maps = false;
+  std::optional<ToldByMap> crop;
   if (vague) {
-    if (auto lens = refined_vague(quiet, callbacks, *vague)) return lens;
+    crop = refined_vague(quiet, callbacks, *vague);
+    if (crop && !vague->is_aside) return crop->lens;
   }
   std::vector<FoundLens> lenses;
   for (const double guess : kGuesses) {
@@ -135,11 +146,17 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
         {Rig{{pinhole_camera(guess * std::max(source.width(), source.height()), source)}}, {}, {}});
   }
   for (int round = 0; round < kMostGuesses; ++round) {
+    bool all_told = true;
     for (FoundLens& lens : lenses) {
-      const std::optional<FoundLens> refined = refined_guess(quiet, callbacks, lens, kGuessed);
-      if (!refined) return std::nullopt;
-      lens = *refined;
+      const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, lens, kGuessed);
+      all_told &= told.has_value();
+      if (!told && !crop) return std::nullopt;
+      if (!told) continue;
+      lens = told->lens;
+      if (crop && crop->rms_px > kWorse * told->rms_px) crop.reset();
     }
+    if (crop) return crop->lens;
+    if (!all_told) return std::nullopt;
     if (std::optional<FoundLens> agreed = agreement(lenses)) return agreed;
   }
   return std::nullopt;

@@ -57,7 +57,7 @@ constexpr double kWorst = kInlierError * kInlierError;
 constexpr double kMostlyOff = 0.95;
 // The same of a reversed map that was not adjusted yet, where a lens is wide; and what the one that is taken
 // costs at most, in parts of what the other does.
-constexpr double kMostReversed = 0.8, kClearlyBetter = 0.9;
+constexpr double kMostReversed = 0.6, kClearlyBetter = 0.9;
 
 BundleOptions settling(BundleOptions options) {
   options.settled = kSettled;
