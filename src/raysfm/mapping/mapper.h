@@ -29,6 +29,10 @@ constexpr double kInlierError = 2.0;
 // poses no longer move by more than is known of them.
 enum class Adaption { kThinned, kTwoSeriesThinned, kTwoSeries, kToTheEnd, kUntilSettled };
 
+// What more key frames say of a map that a narrow lens hardly tells from one inside out: it stays, it stays
+// beyond doubt, or it was reversed.
+enum class Relief { kStays, kSurelyStays, kReversed };
+
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
 enum class Adjusting { kNow, kSoon };
 
@@ -63,9 +67,9 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
-  // Of a map of few key frames: holds it against the one that a narrow lens can hardly tell from it
-  // (mapping/relief.h). True where that one fits clearly better, and is the map now, adjusted.
-  bool choose_relief(Map* map);
+  // Holds a map of few key frames against the one that a narrow lens can hardly tell from it
+  // (mapping/relief.h). Where that fits clearly better it is the map now, adjusted; else nothing changes.
+  Relief choose_relief(Map* map);
 
   // Adjusts everything, where parts of it fit together badly: each part by itself first. The unit of length
   // may change, where nothing tells it.

@@ -1,7 +1,6 @@
 // How a map is adjusted.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include "raysfm/bundle/bundle_methods.h"
@@ -55,9 +54,9 @@ constexpr double kWorst = kInlierError * kInlierError;
 // Part of that which observations cost in the mean where a few steps do not adapt a map: it may lose all
 // points.
 constexpr double kMostlyOff = 0.95;
-// The same of a reversed map that was not adjusted yet, where a lens is wide; and what the one that is taken
-// costs at most, in parts of what the other does.
-constexpr double kMostReversed = 0.6, kClearlyBetter = 0.9;
+// The same of a reversed map that was not adjusted yet, where a lens is wide. And what a reversed map costs
+// at most where it is taken, and at least where it is not asked for again, in parts of what the other does.
+constexpr double kMostReversed = 0.8, kClearlyBetter = 0.9, kSurelyWorse = 4;
 
 BundleOptions settling(BundleOptions options) {
   options.settled = kSettled;
@@ -315,29 +314,28 @@ void Mapper::reverse_window() {
   std::ranges::fill(window_.inliers, 1);
 }
 
-bool Mapper::choose_relief(Map* map) {
-  if (rig_.size() > 1 || !rig_.central()) return false;  // the rays tell them apart
+Relief Mapper::choose_relief(Map* map) {
+  if (rig_.size() > 1 || !rig_.central()) return Relief::kSurelyStays;  // the rays tell them apart
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   const BundleProblem problem = window_problem(*map);
-  const auto observations = static_cast<double>(window_.observations.size());
-  if (window_.points.empty()) return false;
+  const double most = kMostReversed * kWorst * static_cast<double>(window_.observations.size());
   const double as_it_is = truncated_cost(problem);
-  reverse_window();
+  Relief relief = Relief::kStays;
+  if (!window_.points.empty()) reverse_window();
   // A wide lens tells them apart at once.
-  const bool may_be = truncated_cost(problem) < kMostReversed * kWorst * observations;
-  double reversed = std::numeric_limits<double>::infinity();
-  if (may_be) {
+  if (truncated_cost(problem) < most) {
     adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
-    reversed = truncated_cost(problem);
+    const double reversed = truncated_cost(problem);
+    if (reversed < kClearlyBetter * as_it_is) relief = Relief::kReversed;
+    if (reversed > kSurelyWorse * as_it_is) relief = Relief::kSurelyStays;
   }
-  const bool is_better = reversed < kClearlyBetter * as_it_is;
-  if (is_better) {
+  if (relief == Relief::kReversed) {
     scatter(0, map);
   } else {
     for (const int t : window_.tracks) window_.point_of_track[t] = -1;
   }
-  return is_better;
+  return relief;
 }
 
 void Mapper::adjust_hierarchically(Map* map) {

@@ -224,11 +224,14 @@ void Odometry::doubt_relief() {
   SegmentState& s = segment();
   const auto keyframes = static_cast<int>(s.map.keyframes.size());
   if (keyframes < s.relief_due || s.map.keyframes[0].frame < 0) return;
+  constexpr int kNever = std::numeric_limits<int>::max();
   const auto* next = std::ranges::upper_bound(kDoubted, keyframes);
-  s.relief_due = next == kDoubted.end() ? std::numeric_limits<int>::max() : *next;
+  s.relief_due = next == kDoubted.end() ? kNever : *next;
   std::vector<Rigid3> before;
   for (const MapKeyFrame& k : s.map.keyframes) before.push_back(k.rig_from_world);
-  if (!mapper_.choose_relief(&s.map)) return;
+  const Relief relief = mapper_.choose_relief(&s.map);
+  if (relief == Relief::kSurelyStays) s.relief_due = kNever;
+  if (relief != Relief::kReversed) return;
   carry_frames(world(), before);
   refine_start();
   for (int k = 0; k < keyframes; ++k) {
