@@ -347,44 +347,39 @@ cameras:
         self.assertLess(judged["ate"]["rmse"], 0.02)
         self.assertGreater(judged["coverage"], 0.8)
 
+    def film_judged(self, camera, *synth, told):
+        """Of a rendered film that was tracked, with the camera it was filmed with or nothing told."""
+        film, file = self.folder / "film", self.folder / "filmed.yaml"
+        file.write_text(f"raysfm_camera: 1\ncameras:\n  - {{name: c, {camera}}}\n")
+        done = run("synth", *synth, "--camera", file, "--samples", 1, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        if not told:
+            (film / "camera.yaml").unlink()
+        self.assertEqual(self.track(film).returncode, 0)
+        return json.loads(run("eval", self.out, film, "--json").stdout)
+
     def test_small_pictures_with_noise(self):
         """No three of them have a parallax of many times its error."""
-        film, camera = self.folder / "film", self.folder / "small.yaml"
-        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: pinhole, resolution: [320, 240], "
-                          "intrinsics: {fx: 256, fy: 256, cx: 159.5, cy: 119.5}}\n")
-        done = run("synth", "street", "--camera", camera, "--motion", "drive", "--fps", 10, "--frames", 60, "--length", 25, "--noise", 5,
-                   "--samples", 1, "--out", film, "--quiet")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertEqual(self.track(film).returncode, 0)
-        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        judged = self.film_judged("model: pinhole, resolution: [320, 240], intrinsics: {fx: 256, fy: 256, cx: 159.5, cy: 119.5}",
+                                  "street", "--motion", "drive", "--fps", 10, "--frames", 60, "--length", 25, "--noise", 5, told=True)
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.001 * judged["length_m"])
 
     def test_a_wide_lens_held_upright(self):
         """Of a phone that looks about, with a rolling shutter; nobody tells what it is."""
-        film, camera = self.folder / "film", self.folder / "upright.yaml"
-        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: kannala-brandt, resolution: [450, 800], "
-                          "intrinsics: {fx: 382, fy: 382, cx: 223.6, cy: 407.2, k1: -0.0082, k2: 0, k3: 0, k4: 0}}\n")
-        done = run("synth", "corridor", "--camera", camera, "--motion", "look", "--fps", 30, "--frames", 60, "--length", 2.4, "--noise", 2,
-                   "--readout", 30, "--seed", 300, "--samples", 1, "--out", film, "--quiet")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        (film / "camera.yaml").unlink()
-        self.assertEqual(self.track(film).returncode, 0)
-        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        judged = self.film_judged("model: kannala-brandt, resolution: [450, 800], "
+                                  "intrinsics: {fx: 382, fy: 382, cx: 223.6, cy: 407.2, k1: -0.0082, k2: 0, k3: 0, k4: 0}",
+                                  "corridor", "--motion", "look", "--fps", 30, "--frames", 60, "--length", 2.4, "--noise", 2,
+                                  "--readout", 30, "--seed", 300, told=False)
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.0005 * judged["length_m"])
 
     def test_a_pan_that_looks_like_a_crop(self):
         """A rolling shutter that turns moves the axis of the lens that explains it best far to the side."""
-        film, camera = self.folder / "film", self.folder / "wide.yaml"
-        camera.write_text("raysfm_camera: 1\ncameras:\n  - {name: c, model: radtan, resolution: [1280, 720], "
-                          "intrinsics: {fx: 640, fy: 640, cx: 634.87, cy: 358.82, k1: -0.0923, k2: 0.0138, p1: 0, p2: 0}}\n")
-        done = run("synth", "street", "--camera", camera, "--motion", "pan", "--fps", 15, "--frames", 80, "--length", 6.4, "--noise", 4,
-                   "--blur", 0.01, "--readout", 20, "--seed", 441, "--samples", 1, "--out", film, "--quiet")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        (film / "camera.yaml").unlink()
-        self.assertEqual(self.track(film).returncode, 0)
-        judged = json.loads(run("eval", self.out, film, "--json").stdout)
+        judged = self.film_judged("model: radtan, resolution: [1280, 720], "
+                                  "intrinsics: {fx: 640, fy: 640, cx: 634.87, cy: 358.82, k1: -0.0923, k2: 0.0138, p1: 0, p2: 0}",
+                                  "street", "--motion", "pan", "--fps", 15, "--frames", 80, "--length", 6.4, "--noise", 4,
+                                  "--blur", 0.01, "--readout", 20, "--seed", 441, told=False)
         self.assertGreater(judged["coverage"], 0.9)
         self.assertLess(judged["ate"]["mean"], 0.01 * judged["length_m"])
 

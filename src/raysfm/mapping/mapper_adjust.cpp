@@ -240,8 +240,9 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   gather(map, std::max(0, first - options_.window), first);
   BundleProblem problem = window_problem(*map);
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
-  const double off = truncated_cost(problem) / (kWorst * static_cast<double>(window_.observations.size()));
-  if (off > kMostlyOff && how != Adaption::kUntilSettled) how = Adaption::kToTheEnd;
+  const bool has_few_steps = how != Adaption::kToTheEnd && how != Adaption::kUntilSettled;
+  const double most = kMostlyOff * kWorst * static_cast<double>(window_.observations.size());
+  if (has_few_steps && truncated_cost(problem) > most) how = Adaption::kToTheEnd;
   switch (how) {
     case Adaption::kThinned:
       raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
