@@ -12,6 +12,7 @@
 #include "raysfm/camera/stretch.h"
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/projective/video_motion.h"
+#include "raysfm/ray_lenses/turn_lens.h"
 #include "raysfm/ray_lenses/wide_lens.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/solving/solve_tracks.h"
@@ -57,8 +58,9 @@ struct Telling {
   std::optional<FoundLens> lens;
   std::string reason;  // or what speaks for a lens that is not perspective
   bool reconstructed = true;
-  bool zooms = false;                   // by the look of it; the lens is the best single one
-  std::optional<FoundLens> vague = {};  // that it says too little of to be told
+  bool zooms = false;                    // by the look of it; the lens is the best single one
+  std::optional<FoundLens> vague = {};   // that it says too little of to be told
+  std::optional<FoundLens> turned = {};  // by a turn, without any structure
 };
 
 bool is_long_enough(const TrackJoiner& joiner) {
@@ -195,6 +197,30 @@ WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<Uncalibrated
   return does ? WideLensSearch() : find_wide_lens(tracks, &fit, along_rays);
 }
 
+// What the pairs of images tell between which the camera turned and did nothing else, if that is much.
+std::optional<FoundLens> lens_by_turning(const SolveInput& stretch, int first_frame, uint64_t seed) {
+  constexpr double kModelError = 0.005, kRim = 0.1;
+  const SolveOptions options;
+  const auto found = lens_of_turn(
+      seen_by_keyframes(stretch),
+      {.max_error_px = options.max_error_px, .centre_sigma = options.principal_point_sigma, .seed = seed});
+  if (!found) return std::nullopt;
+  FoundLens lens{Rig{{found->camera}}, {}, {}};
+  lens.rig.cameras[0].name = "camera";
+  lens.prior.focal = kOptimism * std::hypot(found->focal_sigma, kModelError);
+  lens.prior.centre = std::clamp(kOptimism * found->centre_sigma, kSurest.centre, kVaguest.centre);
+  lens.prior.rim = kRim;
+  lens.prior.without_shutter = true;
+  if (!(lens.prior.focal <= kSure)) return std::nullopt;
+  const auto frames = static_cast<int>(stretch.names.size());
+  lens.origin = {.source = "footage",
+                 .first_frame = first_frame,
+                 .last_frame = first_frame + frames - 1,
+                 .focal = found->camera.pixels_per_radian(),
+                 .focal_sigma = lens.prior.focal};
+  return lens;
+}
+
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
                      const std::atomic<bool>* stop, bool is_early) {
   if (std::string still = no_motion(stretch); !still.empty()) return {{}, std::move(still), false};
@@ -249,11 +275,13 @@ bool is_surer(const std::optional<FoundLens>& a, const std::optional<FoundLens>&
 }
 
 std::string described(const Telling& telling, int end) {
-  if (!telling.lens) return fmt::format("no lens from the frames before {}: {}", end, telling.reason);
-  const LensOrigin& o = telling.lens->origin;
+  const std::optional<FoundLens>& lens = telling.lens ? telling.lens : telling.turned;
+  if (!lens) return fmt::format("no lens from the frames before {}: {}", end, telling.reason);
+  const LensOrigin& o = lens->origin;
   return fmt::format("frames {} to {} tell a focal length of {:.1f} pixels, right within {:.1f} %{}{}",
                      o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma,
-                     telling.reason.empty() ? "" : "; ", telling.reason);
+                     telling.reason.empty() ? "" : "; ",
+                     telling.lens ? telling.reason : "the camera turns: " + telling.reason);
 }
 
 // `frames`: of the whole input, -1: unknown.
@@ -267,7 +295,7 @@ ZoomedStretch zoomed_stretch(const SolveInput& stretch, int first_frame, int fra
 // Lenses that such tracks told, of the images as they are.
 void make_as_stored(const Eigen::Vector2d& factors, const FrameSource& source, Telling* telling) {
   if (factors == Eigen::Vector2d::Ones()) return;
-  for (std::optional<FoundLens>* lens : {&telling->lens, &telling->vague}) {
+  for (std::optional<FoundLens>* lens : {&telling->lens, &telling->vague, &telling->turned}) {
     if (!*lens) continue;
     Camera& camera = (*lens)->rig.cameras[0];
     if (!stretch(factors.cwiseInverse(), &camera)) continue;
@@ -293,17 +321,22 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     const Eigen::Vector2d factors = Eigen::Vector2d(reader.source().pixel_aspect(), 1) / stretch->corner_side;
     stretch_images(factors, &stretch->tracks);
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop, i < kFirstStretches);
+    if (!telling.lens) telling.turned = lens_by_turning(*stretch, begin, settings.odometry.seed);
+    // A zoom is no turn through one lens.
+    if (telling.turned) telling.zooms = false;
     make_as_stored(factors, reader.source(), &telling);
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
-    if (telling.zooms || telling.lens) *zoom = {};
+    if (telling.zooms || telling.lens || telling.turned) *zoom = {};
     if (telling.zooms) *zoom = zoomed_stretch(*stretch, begin, reader.source().frame_count());
     begin += static_cast<int>(stretch->names.size());
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
     std::optional<FoundLens> vague = is_surer(telling.vague, best.vague) ? telling.vague : best.vague;
+    std::optional<FoundLens> turned = is_surer(telling.turned, best.turned) ? telling.turned : best.turned;
     if (i == 0 || is_surer(telling.lens, best.lens)) best = telling;
     best.vague = std::move(vague);
+    best.turned = std::move(turned);
     if ((telling.zooms && telling.lens) || (best.lens && best.lens->prior.focal <= kSure)) break;
   }
   return best;
@@ -435,6 +468,7 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     telling = *std::move(asked);
     // What a map of a mere turn says of the lens is chance.
     const bool only_turns = telling.reason.starts_with("pure rotation");
+    if (!telling.lens && !told && telling.turned) telling.lens = telling.turned;
     if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
       telling.lens = ask_tracking(settings, (*reader)->source(), telling.vague, callbacks);
     }

@@ -26,6 +26,11 @@ std::string changes_in(const std::vector<CalibrationNumber>& numbers) {
 void Narrator::world_started(const WorldStarted& e) {
   const std::vector<int>& frames = e.start.frames;
   next_refusal_ = 0;
+  if (e.start.inliers == 0) {
+    return tell(
+        event_, Event::Level::kInfo,
+        fmt::format("frames {} to {} only turn: there are orientations, but no map", frames[0], frames[2]));
+  }
   tell(event_, Event::Level::kInfo,
        fmt::format("started from frames {}, {}, {} with {} points", frames[0], frames[1], frames[2],
                    e.start.inliers));

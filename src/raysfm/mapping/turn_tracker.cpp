@@ -11,15 +11,15 @@ namespace raysfm {
 namespace {
 
 constexpr int kLeastMatches = 40;
-constexpr double kExplained = 0.85;   // of the matches, by a rotation
 constexpr double kTurnedError = 2;    // of an inlier, pixels of its octave
 constexpr double kKeptMatches = 0.5;  // of those at best; with fewer, a later view becomes the base
 constexpr int kMostMissed = 15;       // views in a row that are no turn
 
 }  // namespace
 
-void TurnTracker::begin(ViewPtr view, const TurnedPose& pose, double distance) {
+void TurnTracker::begin(ViewPtr view, const TurnedPose& pose, double distance, double explained) {
   distance_ = distance;
+  explained_ = explained;
   missed_ = 0;
   follow_from(std::move(view), pose);
 }
@@ -91,7 +91,7 @@ std::optional<TurnedPose> TurnTracker::turn(const View& view, uint64_t seed) {
   RotationRansac rotations(before_, now_, tolerance_);
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   const RansacReport found = ransac(rotations, {.seed = seed, .stream = view.random_stream()}, &rotation);
-  if (found.score.inliers < kExplained * static_cast<double>(before_.size())) return std::nullopt;
+  if (found.score.inliers < explained_ * static_cast<double>(before_.size())) return std::nullopt;
   const Rigid3 rig_from_base{Eigen::Quaterniond(rotation), Eigen::Vector3d::Zero()};
   return TurnedPose{rig_from_base * base_.rig_from_world, covariance_after(rotation)};
 }

@@ -31,7 +31,8 @@ class TurnTracker {
   explicit TurnTracker(const TrackingRig& rig) : rig_(rig) {}
 
   // Begins at a posed view that has its corners. `distance`: of what it sees, in units of the world.
-  void begin(ViewPtr view, const TurnedPose& pose, double distance);
+  // `explained`: part of what a view has in common with one before that a rotation must explain.
+  void begin(ViewPtr view, const TurnedPose& pose, double distance, double explained);
   void end();
   bool is_turning() const { return !trackers_.empty(); }
 
@@ -41,7 +42,8 @@ class TurnTracker {
 
   template <typename A>
   void archive(A& a) {
-    raysfm::archive(a, trackers_, base_, newest_, newest_view_, distance_, most_matches_, missed_);
+    raysfm::archive(a, trackers_, base_, newest_, newest_view_, distance_, explained_, most_matches_,
+                    missed_);
   }
 
  private:
@@ -55,7 +57,7 @@ class TurnTracker {
   std::vector<PairTracker> trackers_;  // from the base, one for each camera; none: not turning
   TurnedPose base_, newest_;
   ViewPtr newest_view_;
-  double distance_ = 0;
+  double distance_ = 0, explained_ = 1;
   int most_matches_ = 0;                       // of a view with the base
   int missed_ = 0;                             // views in a row
   std::vector<Eigen::Vector3d> before_, now_;  // unit directions in the rig, of what the base and a view see

@@ -21,7 +21,7 @@ class TurnTrackerTest : public testing::Test {
     return film(world_, rig_.camera(0), rig_from_world, frame);
   }
   void begin(const Rigid3& rig_from_world) {
-    turner_.begin(view(rig_from_world, 0), {rig_from_world, 1e-8 * Matrix6d::Identity()}, 4);
+    turner_.begin(view(rig_from_world, 0), {rig_from_world, 1e-8 * Matrix6d::Identity()}, 4, 0.85);
   }
 
   PanelWorld world_{7};

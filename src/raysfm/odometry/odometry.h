@@ -176,6 +176,22 @@ class Odometry {
     void archive(A& a);
   };
 
+  struct TurnedFrame {
+    int frame = 0;
+    TurnedPose pose;
+
+    template <typename A>
+    void archive(A& a);
+  };
+  // Of frames before any world.
+  struct EarlyTurn {
+    bool begun = false;
+    std::vector<TurnedFrame> newest, longest;
+
+    template <typename A>
+    void archive(A& a);
+  };
+
   // What is at hand of a world when the next one starts.
   struct EndedWorld {
     int number = -1;
@@ -187,6 +203,8 @@ class Odometry {
   const SegmentState& segment() const { return segments_[active_]; }
   int world() const { return active_; }
   bool tracking() const { return previous_.has_value(); }
+  // Worlds of a turn have orientations alone.
+  bool has_points(int number) const { return !segments_[number].map.tracks.empty(); }
   // rig_from_world of a frame, as its key frame stands now in the map of its segment.
   static Rigid3 present_pose(const FrameRecord& frame, const Map& map) {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
@@ -245,6 +263,12 @@ class Odometry {
   bool find_again(const ViewPtr& view);
   void begin_turn();
   bool turn_on_the_spot(const ViewPtr& view);
+  // odometry_turn.cpp:
+  void follow_early_turn(const ViewPtr& view);
+  void add_to_early_turn(const ViewPtr& view);
+  void take_early_turn();
+  void turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map);
+  bool begin_turned_world();
   static bool is_due(const Localisation& pose);
   bool previous_is_due() const;
   bool previous_may_help() const;
@@ -349,7 +373,8 @@ class Odometry {
   FixedMarks marks_;
   bool marks_are_new_ = false;  // during the present frame
   std::optional<Starter> starter_;
-  TurnTracker turner_;  // while track is lost
+  TurnTracker turner_;  // while track is lost, or does not begin
+  EarlyTurn early_turn_;
   std::deque<SegmentState> segments_;
   bool goes_back_ = false;  // through frames before a start
   int active_ = -1;         // segment that is tracked, or was last

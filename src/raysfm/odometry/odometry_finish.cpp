@@ -17,6 +17,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
       begin_segment(std::move(*start), views);
       go_through_waiting();
     } else {
+      if (segments_.empty()) begin_turned_world();
       const int pictures = frames_.empty() ? 0 : frames_.back().rank + (frames_.back().same_as < 0);
       const std::string reason =
           pictures < frames() && pictures < 3
@@ -31,7 +32,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   release_views();
   const std::vector<int> numbers = numbers_of_segments();
   for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
-    if (numbers[s] >= 0) refine_calibration(s, true);
+    if (numbers[s] >= 0 && has_points(s)) refine_calibration(s, true);
   }
   if (options_.finishes_maps) finish_maps(final_adjustment);
   finish_covariances();
@@ -52,13 +53,13 @@ void Odometry::finish_maps(bool final_adjustment) {
   const int worlds = static_cast<int>(segments_.size());
   for (int s = 0; s < worlds; ++s) {
     const SegmentState& segment = segments_[s];
-    if (segment.joined_into >= 0) continue;
+    if (segment.joined_into >= 0 || !has_points(s)) continue;
     if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(s, 0, whole_adaption(s));
     if (final_adjustment) adjust_finally(s);
   }
   const std::vector<Rig> deviations = refiner_.deviations();
   for (int s = 0; s < worlds; ++s) {
-    if (segments_[s].joined_into >= 0) continue;
+    if (segments_[s].joined_into >= 0 || !has_points(s)) continue;
     find_scale(s, deviations);
     if (segments_[s].closed) adjust_to_noise(s);
   }
@@ -99,7 +100,7 @@ void Odometry::release_views() {
 void Odometry::finish_covariances() {
   const std::vector<Rig> deviations = refiner_.deviations();
   for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
-    if (segments_[s].joined_into >= 0) continue;
+    if (segments_[s].joined_into >= 0 || !has_points(s)) continue;
     if (!deviations.empty()) {
       map_covariance_.measure_all(rig_, deviations, segments_[s].map, s);
     } else if (s == active_) {

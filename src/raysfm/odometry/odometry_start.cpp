@@ -22,7 +22,7 @@ void Odometry::start(const ViewPtr& view) {
   if (starter_->attempts() > attempts && !start) {
     observer_->start_refused({view->frame, starter_->last_reason()});
   }
-  if (!start) return;
+  if (!start) return follow_early_turn(view);
   const std::vector<WaitingView> views = starter_->views();
   starter_.emplace(rig_, options_);
   begin_segment(std::move(*start), views);
@@ -47,6 +47,7 @@ void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views)
   follow_errors(segment().map);
   pose_start_frames(start, views);
   if (start.first_view > 0) go_back(views, start.first_view);
+  take_early_turn();
   for (int k = 0; const MapKeyFrame& keyframe : segment().map.keyframes) {
     observer_->keyframe_added({keyframe.frame, world(), k++});
   }

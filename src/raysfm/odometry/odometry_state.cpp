@@ -43,13 +43,23 @@ void Odometry::Previous::archive(A& a) {
   raysfm::archive(a, view, pose, velocity, interval);
 }
 
+template <typename A>
+void Odometry::TurnedFrame::archive(A& a) {
+  raysfm::archive(a, frame, pose);
+}
+
+template <typename A>
+void Odometry::EarlyTurn::archive(A& a) {
+  raysfm::archive(a, begun, newest, longest);
+}
+
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.
 template <typename A>
 void Odometry::archive(A& a) {
   raysfm::archive(a, marks_);
   if constexpr (A::kReads) a.prepare_views([this](const ViewPtr& view) { return marks_.without(view); });
   raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
-                  turner_, local_, anchor_distance_, posed_, settled_before_, places_, closures_,
+                  turner_, early_turn_, local_, anchor_distance_, posed_, settled_before_, places_, closures_,
                   map_covariance_, motion_watch_, shutter_found_at_);
   raysfm::archive(a, detect_timing_, start_timing_, calibrate_timing_, frame_timing_, localiser_.match_timing,
                   localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,

@@ -415,12 +415,55 @@ TEST(Odometry, ASceneOfTheSameKindIsNotTakenForTheOldOne) {
   expect_small_error(r, input, 1, 1);
 }
 
-TEST(Odometry, ATurningCameraGetsAReasonAndNoPoses) {
+// Angles between the orientations of frames and the true ones, from the first frame on, radians.
+double largest_turn_error(const Reconstruction& r, const Footage& input, int first, int last) {
+  double largest = 0;
+  for (int i = first; i <= last; ++i) {
+    const Eigen::Quaterniond found =
+        r.frames[first].world_from_rig->rotation.conjugate() * r.frames[i].world_from_rig->rotation;
+    const Eigen::Quaterniond truth =
+        input.world_from_rig[first].rotation.conjugate() * input.world_from_rig[i].rotation;
+    largest = std::max(largest, found.angularDistance(truth));
+  }
+  return largest;
+}
+
+TEST(Odometry, ACameraThatOnlyTurnsHasOrientations) {
   const Footage input = one_scene(synth_views("room", "rotate", 80));
   const Reconstruction r = run(input);
   expect_sound(r, input);
-  EXPECT_TRUE(r.segments.empty());
-  for (const PosedFrame& f : r.frames) EXPECT_NE(f.reason.find("rotation"), std::string::npos) << f.reason;
+  ASSERT_EQ(r.segments.size(), 1u);
+  EXPECT_TRUE(r.points.empty());
+  for (int i = 0; i < input.size(); ++i) {
+    ASSERT_TRUE(r.frames[i].world_from_rig) << i << ": " << r.frames[i].reason;
+    EXPECT_TRUE(r.frames[i].place_held) << i;
+    EXPECT_LT(r.frames[i].world_from_rig->translation.norm(), 1e-9) << i;
+  }
+  EXPECT_LT(largest_turn_error(r, input, 0, input.size() - 1), 0.005);
+  OdometryOptions paper;
+  paper.departures.turning = false;
+  const Reconstruction none = run(input, paper);
+  EXPECT_TRUE(none.segments.empty());
+  for (const PosedFrame& f : none.frames) EXPECT_NE(f.reason.find("rotation"), std::string::npos) << f.reason;
+}
+
+// All round on the spot, and on along a corridor: the map does not reach back to most of the turn.
+TEST(Odometry, ATurnBeforeAWayIsPosedByWhatItSees) {
+  const SynthViews views = synth_views("corridor", "pan", 160);
+  Footage input;
+  constexpr int kStands = 46, kWalks = 74;  // frames of the film; of the input
+  for (int i = kStands; i < views.size(); ++i) input.add(views, i, 0);
+  const Reconstruction r = run(input);
+  expect_sound(r, input);
+  const int world = r.frames[kWalks].segment;
+  int held = 0;
+  for (int i = 0; i < kWalks; ++i) {
+    ASSERT_EQ(r.frames[i].segment, world) << i << ": " << r.frames[i].reason;
+    held += r.frames[i].place_held;
+  }
+  EXPECT_GT(held, 30);
+  EXPECT_LT(largest_turn_error(r, input, 0, kWalks), 0.01);
+  expect_small_error(r, input, world, 0, 1);
 }
 
 // Along a corridor, all round on the spot, and on.

@@ -1,0 +1,138 @@
+// What Odometry does with a rig that only turns, before any world has started and where none ever does.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "raysfm/core/median.h"
+#include "raysfm/odometry/odometry.h"
+
+namespace raysfm {
+namespace {
+
+// Starts that were refused after which turns are followed: most footage starts with fewer.
+constexpr int kRefusedStarts = 3;
+// Of a world that only turns: part of the frames, and radians between the two of its frames that are farthest
+// apart.
+constexpr double kLeastPart = 0.5, kLeastTurn = 0.1;
+constexpr double kKeyFrameTurn = 0.15;  // radians from one key frame to the next
+// Such a world's unit of length is the distance of what is seen.
+constexpr double kDistance = 1;
+constexpr double kOriginVariance = 1e-10;  // of where such a world begins, for all covariances to be definite
+// Of the matches, by a rotation: as long as nothing starts, the rest is blur, a rolling shutter and a little
+// parallax.
+constexpr double kExplained = 0.6;
+
+// Of what a map sees from a pose.
+double median_distance(const Map& map, const Rigid3& rig_from_world) {
+  std::vector<double> distances;
+  for (const Track& t : map.tracks) {
+    if (t.triangulated) distances.push_back((rig_from_world * t.position).norm());
+  }
+  return median_of(&distances);
+}
+
+// Of a turned pose where what is seen is so far.
+Matrix6d scaled_covariance(const TurnedPose& pose, double distance) {
+  Matrix6d scaled = pose.covariance;
+  scaled.topRows<3>() *= distance / kDistance;
+  scaled.leftCols<3>() *= distance / kDistance;
+  return scaled;
+}
+
+// Of a tangent, in the frame of a rig that turned.
+Matrix6d in_frame(const Eigen::Quaterniond& rotation, const Matrix6d& covariance) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = rotation.toRotationMatrix();
+  return turn * covariance * turn.transpose();
+}
+
+}  // namespace
+
+// The views that the starter has, where it begins; then each that comes.
+void Odometry::follow_early_turn(const ViewPtr& view) {
+  if (!options_.departures.turning || !segments_.empty() || starter_->attempts() < kRefusedStarts) return;
+  if (!early_turn_.begun) {
+    early_turn_.begun = true;
+    for (const WaitingView& waiting : starter_->views()) {
+      if (waiting.view && waiting.frame != view->frame) add_to_early_turn(waiting.view);
+    }
+  }
+  add_to_early_turn(view);
+}
+
+void Odometry::add_to_early_turn(const ViewPtr& view) {
+  std::vector<TurnedFrame>& newest = early_turn_.newest;
+  if (!turner_.is_turning()) {
+    const TurnedPose origin{{}, kOriginVariance * Matrix6d::Identity()};
+    turner_.begin(view, origin, kDistance, kExplained);
+    newest = {{view->frame, origin}};
+  } else if (const auto turned = turner_.advance(view, options_.seed)) {
+    newest.push_back({view->frame, *turned});
+  }
+  if (newest.size() > early_turn_.longest.size()) early_turn_.longest = newest;
+}
+
+// Frames that a world does not pose, but that were seen to turn until one that it does: those before its map,
+// and those whose images were released while they waited.
+void Odometry::take_early_turn() {
+  const std::vector<TurnedFrame> turn = std::exchange(early_turn_, {}).newest;
+  const Map& map = segment().map;
+  const TurnedFrame* known = nullptr;
+  for (auto t = turn.rbegin(); t != turn.rend(); ++t) {
+    if (frames_[t->frame].segment >= 0) {
+      known = &*t;
+    } else if (known) {
+      turn_from(*known, *t, map);
+    }
+  }
+}
+
+void Odometry::turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map) {
+  const FrameRecord& record_known = frames_[known.frame];
+  const Rigid3 pose = present_pose(record_known, map);
+  const Rigid3 from_known = turned.pose.rig_from_world * known.pose.rig_from_world.inverse();
+  const Matrix6d covariance =
+      record_known.covariance + scaled_covariance(known.pose, median_distance(map, pose));
+  Localisation localised;
+  localised.rig_from_world = from_known * pose;
+  record(turned.frame, localised, record_known.keyframe, in_frame(from_known.rotation, covariance));
+  frames_[turned.frame].place_held = true;
+}
+
+// A world of orientations, of the longest turn, where no world has started: key frames without points. False
+// where it is too short or hardly turns.
+bool Odometry::begin_turned_world() {
+  const std::vector<TurnedFrame> turn = std::exchange(early_turn_, {}).longest;
+  turner_.end();
+  double widest = 0;
+  for (const TurnedFrame& t : turn)
+    widest = std::max(widest,
+                      turn[0].pose.rig_from_world.rotation.angularDistance(t.pose.rig_from_world.rotation));
+  if (!segments_.empty() || widest < kLeastTurn || std::ssize(turn) < kLeastPart * rank_of(frames() - 1))
+    return false;
+  SegmentState& s = segments_.emplace_back();
+  active_ = static_cast<int>(segments_.size()) - 1;
+  s.calibration = calibration_;
+  s.start = {"turn", {turn.front().frame, turn[turn.size() / 2].frame, turn.back().frame}, 0};
+  observer_->world_started({world(), s.start});
+  for (const TurnedFrame& t : turn) {
+    const Rigid3& pose = t.pose.rig_from_world;
+    const bool is_far =
+        s.map.keyframes.empty() ||
+        s.map.keyframes.back().rig_from_world.rotation.angularDistance(pose.rotation) > kKeyFrameTurn;
+    if (is_far) {
+      MapKeyFrame& keyframe = s.map.keyframes.emplace_back();
+      keyframe.frame = t.frame;
+      keyframe.rig_from_world = pose;
+      s.views.emplace_back();
+    }
+    const int newest = static_cast<int>(s.map.keyframes.size()) - 1;
+    Localisation turned;
+    turned.rig_from_world = pose;
+    record(t.frame, turned, newest, t.pose.covariance);
+    frames_[t.frame].place_held = true;
+  }
+  return true;
+}
+
+}  // namespace raysfm
