@@ -32,6 +32,9 @@ constexpr int kFirstStretches = 6;  // that are asked for another lens where the
 // much on real footage, whose errors are no noise. Below the first no further stretch is looked at; above
 // the second the lens is not told.
 constexpr double kOptimism = 3, kSure = 0.06, kUsable = 0.1;
+// Parts of the matches of images far apart that turns explain: a lens is taken from turns from the first on,
+// above the second all there is to see is one.
+constexpr double kManyTurn = 0.4, kAllTurn = 0.9;
 constexpr double kLeastPosed = 0.3;  // part of the frames of a stretch
 // Standard deviations of the principal point from the middle of the image beyond which something else bends a
 // stretch, such as a rolling shutter that turns on the spot.
@@ -197,28 +200,44 @@ WideLensSearch wide_lens_of(const PointTracks& tracks, const Result<Uncalibrated
   return does ? WideLensSearch() : find_wide_lens(tracks, &fit, along_rays);
 }
 
-// What the pairs of images tell between which the camera turned and did nothing else, if that is much.
-std::optional<FoundLens> lens_by_turning(const SolveInput& stretch, int first_frame, uint64_t seed) {
+bool is_sure(const std::optional<FoundLens>& lens) {
+  return lens && lens->prior.focal <= kSure;
+}
+
+// What turns tell of the lens: of pairs of images between which the camera did nothing else, if these are
+// many.
+FoundLens lens_by_turning(const TurnLens& found, const SolveInput& stretch, int first_frame) {
   constexpr double kModelError = 0.005, kRim = 0.1;
-  const SolveOptions options;
-  const auto found = lens_of_turn(
-      seen_by_keyframes(stretch),
-      {.max_error_px = options.max_error_px, .centre_sigma = options.principal_point_sigma, .seed = seed});
-  if (!found) return std::nullopt;
-  FoundLens lens{Rig{{found->camera}}, {}, {}};
+  FoundLens lens{Rig{{found.camera}}, {}, {}};
   lens.rig.cameras[0].name = "camera";
-  lens.prior.focal = kOptimism * std::hypot(found->focal_sigma, kModelError);
-  lens.prior.centre = std::clamp(kOptimism * found->centre_sigma, kSurest.centre, kVaguest.centre);
+  lens.prior.focal = kOptimism * std::hypot(found.focal_sigma, kModelError);
+  lens.prior.centre = std::clamp(kOptimism * found.centre_sigma, kSurest.centre, kVaguest.centre);
   lens.prior.rim = kRim;
   lens.prior.without_shutter = true;
-  if (!(lens.prior.focal <= kSure)) return std::nullopt;
-  const auto frames = static_cast<int>(stretch.names.size());
   lens.origin = {.source = "footage",
                  .first_frame = first_frame,
-                 .last_frame = first_frame + frames - 1,
-                 .focal = found->camera.pixels_per_radian(),
+                 .last_frame = first_frame + static_cast<int>(stretch.names.size()) - 1,
+                 .focal = found.camera.pixels_per_radian(),
                  .focal_sigma = lens.prior.focal};
   return lens;
+}
+
+// A lens that turns tell stands in for one that a stretch tells badly; and for any other where all that is
+// seen is a turn: what a fisheye sees of one is what a perspective lens sees of some scene that it moves
+// through.
+void mind_turns(const SolveInput& stretch, int first_frame, uint64_t seed, Telling* telling) {
+  const SolveOptions options;
+  const auto found = lens_of_turn(
+      stretch.tracks,
+      {.max_error_px = options.max_error_px, .centre_sigma = options.principal_point_sigma, .seed = seed});
+  if (!found || found->explained < kManyTurn) return;
+  FoundLens lens = lens_by_turning(*found, stretch, first_frame);
+  if (!is_sure(lens)) return;
+  const bool all_turn = found->explained > kAllTurn;
+  if (is_sure(telling->lens) && !all_turn) return;
+  if (all_turn) telling->lens.reset();
+  telling->turned = std::move(lens);
+  telling->zooms = false;  // which would be no turn through one lens
 }
 
 Telling lens_told_by(const SolveInput& stretch, int first_frame, const TrackSettings& settings,
@@ -275,13 +294,13 @@ bool is_surer(const std::optional<FoundLens>& a, const std::optional<FoundLens>&
 }
 
 std::string described(const Telling& telling, int end) {
-  const std::optional<FoundLens>& lens = telling.lens ? telling.lens : telling.turned;
+  const std::optional<FoundLens>& lens = telling.turned ? telling.turned : telling.lens;
   if (!lens) return fmt::format("no lens from the frames before {}: {}", end, telling.reason);
   const LensOrigin& o = lens->origin;
+  const std::string besides = telling.turned ? "by how images turn" : telling.reason;
   return fmt::format("frames {} to {} tell a focal length of {:.1f} pixels, right within {:.1f} %{}{}",
-                     o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma,
-                     telling.reason.empty() ? "" : "; ",
-                     telling.lens ? telling.reason : "the camera turns: " + telling.reason);
+                     o.first_frame, o.last_frame, o.focal, 100 * o.focal_sigma, besides.empty() ? "" : "; ",
+                     besides);
 }
 
 // `frames`: of the whole input, -1: unknown.
@@ -321,9 +340,7 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     const Eigen::Vector2d factors = Eigen::Vector2d(reader.source().pixel_aspect(), 1) / stretch->corner_side;
     stretch_images(factors, &stretch->tracks);
     Telling telling = lens_told_by(*stretch, begin, settings, callbacks.stop, i < kFirstStretches);
-    if (!telling.lens) telling.turned = lens_by_turning(*stretch, begin, settings.odometry.seed);
-    // A zoom is no turn through one lens.
-    if (telling.turned) telling.zooms = false;
+    mind_turns(*stretch, begin, settings.odometry.seed, &telling);
     make_as_stored(factors, reader.source(), &telling);
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
@@ -337,7 +354,7 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     if (i == 0 || is_surer(telling.lens, best.lens)) best = telling;
     best.vague = std::move(vague);
     best.turned = std::move(turned);
-    if ((telling.zooms && telling.lens) || (best.lens && best.lens->prior.focal <= kSure)) break;
+    if ((telling.zooms && telling.lens) || is_sure(best.lens)) break;
   }
   return best;
 }
@@ -468,7 +485,7 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     telling = *std::move(asked);
     // What a map of a mere turn says of the lens is chance.
     const bool only_turns = telling.reason.starts_with("pure rotation");
-    if (!telling.lens && !told && telling.turned) telling.lens = telling.turned;
+    if (!is_sure(telling.lens) && telling.turned) telling.lens = telling.turned;
     if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
       telling.lens = ask_tracking(settings, (*reader)->source(), telling.vague, callbacks);
     }

@@ -17,9 +17,9 @@ constexpr int kMostMissed = 15;       // views in a row that are no turn
 
 }  // namespace
 
-void TurnTracker::begin(ViewPtr view, const TurnedPose& pose, double distance, double explained) {
+void TurnTracker::begin(ViewPtr view, const TurnedPose& pose, double distance, const TurnRule& rule) {
   distance_ = distance;
-  explained_ = explained;
+  rule_ = rule;
   missed_ = 0;
   follow_from(std::move(view), pose);
 }
@@ -45,11 +45,17 @@ int TurnTracker::match(const ViewPtr& view) {
 std::optional<TurnedPose> TurnTracker::advance(const ViewPtr& view, uint64_t seed) {
   if (!is_turning()) return std::nullopt;
   const bool is_far = match(view) < kKeptMatches * most_matches_;
-  if (is_far && newest_view_->frame != trackers_[0].base_frame()) {
+  const bool may_rebase = newest_view_->frame != trackers_[0].base_frame();
+  const auto rebase = [&] {
     follow_from(newest_view_, newest_);
     match(view);
+  };
+  if (is_far && may_rebase) rebase();
+  std::optional<TurnedPose> pose = turn(*view, seed);
+  if (!pose && !is_far && may_rebase && rule_.from_view_to_view) {
+    rebase();
+    pose = turn(*view, seed);
   }
-  const std::optional<TurnedPose> pose = turn(*view, seed);
   if (pose) {
     missed_ = 0;
     newest_ = *pose;
@@ -91,7 +97,7 @@ std::optional<TurnedPose> TurnTracker::turn(const View& view, uint64_t seed) {
   RotationRansac rotations(before_, now_, tolerance_);
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   const RansacReport found = ransac(rotations, {.seed = seed, .stream = view.random_stream()}, &rotation);
-  if (found.score.inliers < explained_ * static_cast<double>(before_.size())) return std::nullopt;
+  if (found.score.inliers < rule_.explained * static_cast<double>(before_.size())) return std::nullopt;
   const Rigid3 rig_from_base{Eigen::Quaterniond(rotation), Eigen::Vector3d::Zero()};
   return TurnedPose{rig_from_base * base_.rig_from_world, covariance_after(rotation)};
 }

@@ -21,12 +21,13 @@ class TurnTrackerTest : public testing::Test {
     return film(world_, rig_.camera(0), rig_from_world, frame);
   }
   void begin(const Rigid3& rig_from_world) {
-    turner_.begin(view(rig_from_world, 0), {rig_from_world, 1e-8 * Matrix6d::Identity()}, 4, 0.85);
+    turner_.begin(view(rig_from_world, 0), {rig_from_world, 1e-8 * Matrix6d::Identity()}, 4, rule_);
   }
 
   PanelWorld world_{7};
   TrackingRig rig_{Rig{{small_camera()}}};
   TurnTracker turner_{rig_};
+  TurnRule rule_;
 };
 
 Rigid3 turned(double angle) {
@@ -61,6 +62,25 @@ TEST_F(TurnTrackerTest, AStepAsideIsNoTurn) {
   EXPECT_FALSE(turner_.advance(view(aside(0.4), 1), 0));
   EXPECT_TRUE(turner_.advance(view(aside(0), 2), 0)) << "back again";
   EXPECT_TRUE(turner_.is_turning());
+}
+
+// A centimetre and a half aside with each view is seen from afar, but not from one view to the next.
+TEST_F(TurnTrackerTest, WhatMovesSlowlyIsATurnFromViewToViewAtMost) {
+  constexpr int kViews = 24;
+  for (const bool from_view_to_view : {false, true}) {
+    rule_ = {.explained = 0.85, .from_view_to_view = from_view_to_view};
+    begin({});
+    int posed = 0;
+    for (int i = 1; i <= kViews; ++i) {
+      const Rigid3 aside{Eigen::Quaterniond::Identity(), {-0.015 * i, 0, 0}};
+      posed += turner_.advance(view(aside * turned(-0.005 * i), i), 0).has_value();
+    }
+    if (from_view_to_view) {
+      EXPECT_EQ(posed, kViews);
+    } else {
+      EXPECT_LT(posed, kViews / 2);
+    }
+  }
 }
 
 TEST_F(TurnTrackerTest, EndsWhereNothingIsSeenForLong) {

@@ -186,8 +186,9 @@ class Odometry {
   // Of frames before any world.
   struct EarlyTurn {
     bool begun = false;
-    std::vector<TurnedFrame> newest, longest;
+    std::vector<TurnedFrame> newest, longest;  // without a break; `longest` of those before
 
+    void keep_longer();
     template <typename A>
     void archive(A& a);
   };
@@ -265,6 +266,7 @@ class Odometry {
   bool turn_on_the_spot(const ViewPtr& view);
   // odometry_turn.cpp:
   void follow_early_turn(const ViewPtr& view);
+  void begin_early_turn();
   void add_to_early_turn(const ViewPtr& view);
   void take_early_turn();
   void turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map);

@@ -25,11 +25,10 @@ void Odometry::lose(ViewPtr view, const std::string& reason) {
 
 // From the view that was posed last. A part of what was near before must not pass for a turn.
 void Odometry::begin_turn() {
-  constexpr double kExplained = 0.85;  // of the matches, by a rotation
   last_seen_->view = detected(last_seen_->view);
   const FrameRecord& frame = frames_[last_seen_->view->frame];
   turner_.begin(last_seen_->view, {present_pose(frame, segment().map), frame.covariance}, anchor_distance_,
-                kExplained);
+                {});
 }
 
 // The view goes on from the last one as if it had only turned since, which hangs on the same key frame.

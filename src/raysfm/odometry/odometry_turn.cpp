@@ -18,9 +18,8 @@ constexpr double kKeyFrameTurn = 0.15;  // radians from one key frame to the nex
 // Such a world's unit of length is the distance of what is seen.
 constexpr double kDistance = 1;
 constexpr double kOriginVariance = 1e-10;  // of where such a world begins, for all covariances to be definite
-// Of the matches, by a rotation: as long as nothing starts, the rest is blur, a rolling shutter and a little
-// parallax.
-constexpr double kExplained = 0.6;
+// As long as nothing starts, the rest is blur, a rolling shutter and a little parallax.
+constexpr TurnRule kRule{.explained = 0.6, .from_view_to_view = true};
 
 // Of what a map sees from a pose.
 double median_distance(const Map& map, const Rigid3& rig_from_world) {
@@ -48,28 +47,35 @@ Matrix6d in_frame(const Eigen::Quaterniond& rotation, const Matrix6d& covariance
 
 }  // namespace
 
-// The views that the starter has, where it begins; then each that comes.
+// The views that the starter has, the newest one among them, where it begins; then each that comes.
 void Odometry::follow_early_turn(const ViewPtr& view) {
   if (!options_.departures.turning || !segments_.empty() || starter_->attempts() < kRefusedStarts) return;
-  if (!early_turn_.begun) {
-    early_turn_.begun = true;
-    for (const WaitingView& waiting : starter_->views()) {
-      if (waiting.view && waiting.frame != view->frame) add_to_early_turn(waiting.view);
-    }
+  if (early_turn_.begun) return add_to_early_turn(view);
+  begin_early_turn();
+}
+
+void Odometry::begin_early_turn() {
+  early_turn_.begun = true;
+  for (const WaitingView& waiting : starter_->views()) {
+    if (waiting.view) add_to_early_turn(waiting.view);
   }
-  add_to_early_turn(view);
 }
 
 void Odometry::add_to_early_turn(const ViewPtr& view) {
   std::vector<TurnedFrame>& newest = early_turn_.newest;
   if (!turner_.is_turning()) {
+    early_turn_.keep_longer();
     const TurnedPose origin{{}, kOriginVariance * Matrix6d::Identity()};
-    turner_.begin(view, origin, kDistance, kExplained);
+    turner_.begin(view, origin, kDistance, kRule);
     newest = {{view->frame, origin}};
   } else if (const auto turned = turner_.advance(view, options_.seed)) {
     newest.push_back({view->frame, *turned});
   }
-  if (newest.size() > early_turn_.longest.size()) early_turn_.longest = newest;
+}
+
+void Odometry::EarlyTurn::keep_longer() {
+  if (newest.size() > longest.size()) longest = std::move(newest);
+  newest.clear();
 }
 
 // Frames that a world does not pose, but that were seen to turn until one that it does: those before its map,
@@ -102,14 +108,16 @@ void Odometry::turn_from(const TurnedFrame& known, const TurnedFrame& turned, co
 // A world of orientations, of the longest turn, where no world has started: key frames without points. False
 // where it is too short or hardly turns.
 bool Odometry::begin_turned_world() {
+  if (!segments_.empty() || !options_.departures.turning) return false;
+  if (!early_turn_.begun) begin_early_turn();
+  early_turn_.keep_longer();
   const std::vector<TurnedFrame> turn = std::exchange(early_turn_, {}).longest;
   turner_.end();
   double widest = 0;
   for (const TurnedFrame& t : turn)
     widest = std::max(widest,
                       turn[0].pose.rig_from_world.rotation.angularDistance(t.pose.rig_from_world.rotation));
-  if (!segments_.empty() || widest < kLeastTurn || std::ssize(turn) < kLeastPart * rank_of(frames() - 1))
-    return false;
+  if (widest < kLeastTurn || std::ssize(turn) < kLeastPart * rank_of(frames() - 1)) return false;
   SegmentState& s = segments_.emplace_back();
   active_ = static_cast<int>(segments_.size()) - 1;
   s.calibration = calibration_;

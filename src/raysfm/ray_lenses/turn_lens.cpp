@@ -93,7 +93,6 @@ class TurnProblem {
 
   void set_max_error(double pixels) { max_error2_ = pixels * pixels; }
   void set_focal(double focal) { numbers_ << std::log(focal), 0, 0, 0, 0; }
-  const Numbers& numbers() const { return numbers_; }
   Camera camera() const { return camera_of(kind_, numbers_, size_); }
 
   // The rotations that most matches agree with, through the present lens.
@@ -103,6 +102,8 @@ class TurnProblem {
   double whole_cost() const { return cost() + dropped_ * max_error2_; }
   // Part of the matches of a pair that agree.
   double explained(std::size_t pair) const;
+  // Of all that there were at first.
+  double explained() const;
   // Pairs of which so much agrees stay.
   void keep_explained(double least);
   std::size_t pairs() const { return pairs_.size(); }
@@ -191,6 +192,16 @@ double TurnProblem::explained(std::size_t pair) const {
         residual(camera, rotations_[pair], matches.a[i], matches.b[i], &r) && r.squaredNorm() < max_error2_;
   }
   return static_cast<double>(agree) / static_cast<double>(matches.a.size());
+}
+
+double TurnProblem::explained() const {
+  double agree = 0, all = dropped_;
+  for (std::size_t p = 0; p < pairs_.size(); ++p) {
+    const auto matches = static_cast<double>(pairs_[p].a.size());
+    agree += explained(p) * matches;
+    all += matches;
+  }
+  return agree / all;
 }
 
 void TurnProblem::keep_explained(double least) {
@@ -344,6 +355,7 @@ std::optional<TurnLens> lens_of_turn(const PointTracks& tracks, const TurnLensOp
   TurnLens lens{.camera = best.camera()};
   lens.focal_sigma = std::sqrt(covariance(0, 0));
   lens.centre_sigma = std::sqrt(std::max(covariance(1, 1), covariance(2, 2)));
+  lens.explained = best.explained();
   return lens;
 }
 

@@ -19,6 +19,7 @@ struct TurnLens {
   Camera camera;            // square pixels: radtan with k1 and k2, or kannala-brandt with these
   double focal_sigma = 0;   // part of the focal length
   double centre_sigma = 0;  // part of the image's larger side, of the less well known coordinate
+  double explained = 0;     // part of the matches of all pairs that agree with turns
 };
 
 // Finds the lens through which rotations explain how points move from image to image (Hartley,

@@ -93,6 +93,33 @@ TEST(LensOfTurn, LeavesOutWhereTheCameraMoves) {
   EXPECT_NEAR(focal_of(*lens), 520, 3);
 }
 
+// What a wall shows of a camera that goes along it, or up to it, is hardly a turn through any lens.
+TEST(LensOfTurn, AWalkBeforeAWallTellsNoLens) {
+  const Radtan truth{520, 520, 319.5, 239.5, 0, 0, 0, 0};
+  for (const Eigen::Vector3d& step : {Eigen::Vector3d(0.15, 0, 0), {0, 0.1, 0.05}, {0, 0, 0.15}}) {
+    Rng rng(7);
+    PointTracks tracks;
+    tracks.image_count = 20;
+    tracks.point_count = 1500;
+    tracks.image_size = {640, 480};
+    std::vector<Eigen::Vector3d> points;
+    for (int i = 0; i < tracks.point_count; ++i)
+      points.emplace_back(rng.uniform(-8, 8), rng.uniform(-6, 6), 6);
+    for (int j = 0; j < tracks.image_count; ++j) {
+      for (int i = 0; i < tracks.point_count; ++i) {
+        Eigen::Vector2d pixel;
+        if (!truth.project(points[i] - j * step, &pixel)) continue;
+        pixel += 0.3 * Eigen::Vector2d(rng.normal(), rng.normal());
+        const bool is_seen = pixel.x() > 0 && pixel.y() > 0 && pixel.x() < 639 && pixel.y() < 479;
+        if (is_seen) tracks.add(j, i, pixel);
+      }
+    }
+    const auto lens = lens_of_turn(tracks, {.max_error_px = 3});
+    EXPECT_TRUE(!lens || lens->focal_sigma > 0.02)
+        << step.transpose() << ": " << focal_of(*lens) << " " << lens->focal_sigma << " " << lens->explained;
+  }
+}
+
 TEST(LensOfTurn, AWalkIsNoTurn) {
   const Radtan truth{520, 520, 319.5, 239.5, 0, 0, 0, 0};
   EXPECT_FALSE(lens_of_turn(tracks_of(truth, {.standing = 0}), {}));
