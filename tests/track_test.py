@@ -73,6 +73,12 @@ class TrackTest(ProgramTest):
         """Mean error of a reconstruction of the street in metres."""
         return json.loads(run("eval", out, STREET, "--json").stdout)["ate"]["mean"]
 
+    def only_turns(self, report):
+        """No map, and no frame whose place is known."""
+        self.assertEqual(report["points"], 0)
+        held = sum(run["last"] - run["first"] + 1 for run in report["frames"]["place_held"])
+        self.assertEqual(report["frames"]["posed"], held)
+
     def complete(self, out):
         """The files of an output folder are all there and nothing else is; returns the report."""
         found = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
@@ -384,13 +390,13 @@ cameras:
         self.assertLess(judged["ate"]["mean"], 0.01 * judged["length_m"])
 
     def test_a_turn_that_feigns_a_way(self):
-        """Blur and a rolling shutter do."""
+        """Blur and a rolling shutter do, which start no map: there are orientations alone."""
         source = SHARED / "fr1-rpy"
         if not source.exists():
             self.skipTest(f"{source} is missing")
         done = self.track(source, "--from", 1305031231.03)
-        self.assertEqual(done.returncode, 3, done.stderr)
-        self.assertIn("no start", done.stderr)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.only_turns(json.loads((self.out / "report.json").read_text()))
 
     def test_images_that_cannot_be_used(self):
         """Their frames have no pose but a reason; the others are as good as ever, whatever the threads."""
@@ -877,13 +883,14 @@ cameras:
         self.assertLess(result["ate"]["mean"], 0.005 * result["length_m"])
 
     def test_almost_pure_rotation(self):
-        """Its turns tell the lens; what else there is does not start a map."""
+        """Its turns tell the lens; what else there is does not start a map, so that there are orientations alone."""
         if not (SHARED / "fr1-rpy").exists():
             self.skipTest(f"{SHARED / 'fr1-rpy'} is missing")
         done = self.track(SHARED / "fr1-rpy" / "rgb")
-        self.assertEqual(done.returncode, 3, done.stderr)
-        self.assertIn("rotation without translation", done.stderr)
+        self.assertEqual(done.returncode, 0, done.stderr)
         report = json.loads((self.out / "report.json").read_text())
+        self.assertGreater(report["frames"]["posed"], 80)
+        self.only_turns(report)
         self.assertLess(abs(report["lens_focal_px"] / 517.3 - 1), 2 * report["lens_focal_sigma_percent"] / 100)
 
     def test_handheld_video(self):

@@ -186,9 +186,8 @@ class Odometry {
   // Of frames before any world.
   struct EarlyTurn {
     bool begun = false;
-    std::vector<TurnedFrame> newest, longest;  // without a break; `longest` of those before
+    std::vector<std::vector<TurnedFrame>> turns;  // each without a break
 
-    void keep_longer();
     template <typename A>
     void archive(A& a);
   };
@@ -270,7 +269,8 @@ class Odometry {
   void add_to_early_turn(const ViewPtr& view);
   void take_early_turn();
   void turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map);
-  bool begin_turned_world();
+  void begin_turned_worlds();
+  void begin_turned_world(const std::vector<TurnedFrame>& turn);
   static bool is_due(const Localisation& pose);
   bool previous_is_due() const;
   bool previous_may_help() const;

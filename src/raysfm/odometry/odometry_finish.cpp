@@ -17,7 +17,7 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
       begin_segment(std::move(*start), views);
       go_through_waiting();
     } else {
-      begin_turned_world();
+      begin_turned_worlds();
       const int pictures = frames_.empty() ? 0 : frames_.back().rank + (frames_.back().same_as < 0);
       const std::string reason =
           pictures < frames() && pictures < 3

@@ -50,7 +50,7 @@ void Odometry::TurnedFrame::archive(A& a) {
 
 template <typename A>
 void Odometry::EarlyTurn::archive(A& a) {
-  raysfm::archive(a, begun, newest, longest);
+  raysfm::archive(a, begun, turns);
 }
 
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.

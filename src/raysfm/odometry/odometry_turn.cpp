@@ -11,15 +11,26 @@ namespace {
 
 // Starts that were refused after which turns are followed: most footage starts with fewer.
 constexpr int kRefusedStarts = 3;
-// Of a world that only turns: part of the frames, and radians between the two of its frames that are farthest
-// apart.
+// Of worlds that only turn: part of the frames, and and of a world
+// radians from its first frame to the one that is farthest from it.
 constexpr double kLeastPart = 0.5, kLeastTurn = 0.1;
+constexpr int kLeastFrames = 6;
 constexpr double kKeyFrameTurn = 0.15;  // radians from one key frame to the next
 // Such a world's unit of length is the distance of what is seen.
 constexpr double kDistance = 1;
 constexpr double kOriginVariance = 1e-10;  // of where such a world begins, for all covariances to be definite
 // As long as nothing starts, the rest is blur, a rolling shutter and a little parallax.
 constexpr TurnRule kRule{.explained = 0.6, .from_view_to_view = true};
+
+// Radians from the first frame of a turn to the one that is farthest from it.
+template <typename TurnedFrame>
+double widest_angle(const std::vector<TurnedFrame>& turn) {
+  double widest = 0;
+  for (const TurnedFrame& t : turn)
+    widest = std::max(widest,
+                      turn[0].pose.rig_from_world.rotation.angularDistance(t.pose.rig_from_world.rotation));
+  return widest;
+}
 
 // Of what a map sees from a pose.
 double median_distance(const Map& map, const Rigid3& rig_from_world) {
@@ -62,26 +73,22 @@ void Odometry::begin_early_turn() {
 }
 
 void Odometry::add_to_early_turn(const ViewPtr& view) {
-  std::vector<TurnedFrame>& newest = early_turn_.newest;
+  std::vector<std::vector<TurnedFrame>>& turns = early_turn_.turns;
   if (!turner_.is_turning()) {
-    early_turn_.keep_longer();
     const TurnedPose origin{{}, kOriginVariance * Matrix6d::Identity()};
     turner_.begin(view, origin, kDistance, kRule);
-    newest = {{view->frame, origin}};
+    turns.push_back({{view->frame, origin}});
   } else if (const auto turned = turner_.advance(view, options_.seed)) {
-    newest.push_back({view->frame, *turned});
+    turns.back().push_back({view->frame, *turned});
   }
-}
-
-void Odometry::EarlyTurn::keep_longer() {
-  if (newest.size() > longest.size()) longest = std::move(newest);
-  newest.clear();
 }
 
 // Frames that a world does not pose, but that were seen to turn until one that it does: those before its map,
 // and those whose images were released while they waited.
 void Odometry::take_early_turn() {
-  const std::vector<TurnedFrame> turn = std::exchange(early_turn_, {}).newest;
+  const EarlyTurn early = std::exchange(early_turn_, {});
+  if (early.turns.empty()) return;
+  const std::vector<TurnedFrame>& turn = early.turns.back();
   const Map& map = segment().map;
   const TurnedFrame* known = nullptr;
   for (auto t = turn.rbegin(); t != turn.rend(); ++t) {
@@ -105,19 +112,23 @@ void Odometry::turn_from(const TurnedFrame& known, const TurnedFrame& turned, co
   frames_[turned.frame].place_held = true;
 }
 
-// A world of orientations, of the longest turn, where no world has started: key frames without points. False
-// where it is too short or hardly turns.
-bool Odometry::begin_turned_world() {
-  if (!segments_.empty() || !options_.departures.turning) return false;
+// Worlds of orientations, where no other has started: key frames without points. None of turns that are
+// short, and none at all where these are not most of what there is.
+void Odometry::begin_turned_worlds() {
+  if (!segments_.empty() || !options_.departures.turning) return;
   if (!early_turn_.begun) begin_early_turn();
-  early_turn_.keep_longer();
-  const std::vector<TurnedFrame> turn = std::exchange(early_turn_, {}).longest;
+  std::vector<std::vector<TurnedFrame>> turns = std::exchange(early_turn_, {}).turns;
   turner_.end();
-  double widest = 0;
-  for (const TurnedFrame& t : turn)
-    widest = std::max(widest,
-                      turn[0].pose.rig_from_world.rotation.angularDistance(t.pose.rig_from_world.rotation));
-  if (widest < kLeastTurn || std::ssize(turn) < kLeastPart * rank_of(frames() - 1)) return false;
+  std::erase_if(turns, [](const auto& turn) {
+    return std::ssize(turn) < kLeastFrames || widest_angle(turn) < kLeastTurn;
+  });
+  std::ptrdiff_t turned = 0;
+  for (const auto& turn : turns) turned += std::ssize(turn);
+  if (turned < kLeastPart * rank_of(frames() - 1)) return;
+  for (const auto& turn : turns) begin_turned_world(turn);
+}
+
+void Odometry::begin_turned_world(const std::vector<TurnedFrame>& turn) {
   SegmentState& s = segments_.emplace_back();
   active_ = static_cast<int>(segments_.size()) - 1;
   s.calibration = calibration_;
@@ -140,7 +151,6 @@ bool Odometry::begin_turned_world() {
     record(t.frame, turned, newest, t.pose.covariance);
     frames_[t.frame].place_held = true;
   }
-  return true;
 }
 
 }  // namespace raysfm
