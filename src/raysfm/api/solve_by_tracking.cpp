@@ -72,7 +72,7 @@ Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
   }
   Result<TrackResult> tracked = track(settings_of_tracking(settings), tracking, nullptr, &lens);
   if (!tracked) return tracked.error();
-  if (static_cast<double>(posed_count(tracked->reconstruction)) < kWorthIt * static_cast<double>(posed)) {
+  if (static_cast<double>(placed_count(tracked->reconstruction)) < kWorthIt * static_cast<double>(posed)) {
     return std::optional<SolveResult>();
   }
   return std::optional(with_lens(*std::move(tracked), solve_result(input, found, {}, settings, false)));

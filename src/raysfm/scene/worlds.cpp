@@ -82,6 +82,12 @@ int posed_count(const Reconstruction& reconstruction) {
       reconstruction.frames, [](const PosedFrame& f) { return f.world_from_rig.has_value(); }));
 }
 
+int placed_count(const Reconstruction& reconstruction) {
+  return static_cast<int>(std::ranges::count_if(reconstruction.frames, [](const PosedFrame& f) {
+    return f.world_from_rig.has_value() && !f.place_held;
+  }));
+}
+
 std::vector<FrameRun> place_held_runs(const std::vector<PosedFrame>& frames) {
   std::vector<FrameRun> runs;
   for (size_t i = 0; i < frames.size(); ++i) {

@@ -24,5 +24,7 @@ std::vector<FrameRun> place_held_runs(const std::vector<PosedFrame>& frames);
 
 // Frames with a pose.
 int posed_count(const Reconstruction& reconstruction);
+// Those of which more than how they turned is known.
+int placed_count(const Reconstruction& reconstruction);
 
 }  // namespace raysfm

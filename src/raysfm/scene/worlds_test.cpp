@@ -28,6 +28,10 @@ TEST(Worlds, TheLongestComesFirstTheOthersInTimeOrder) {
   Reconstruction r = two_worlds();
   EXPECT_EQ(worlds_in_order(r), (std::vector{1, 0}));
   EXPECT_EQ(posed_count(r), 10);
+  EXPECT_EQ(placed_count(r), 10);
+  r.frames[0].place_held = true;
+  EXPECT_EQ(placed_count(r), 9);
+  r.frames[0].place_held = false;
   r.segments.push_back({10, 11, "end of input", false, {}});
   r.frames[10].segment = r.frames[11].segment = 2;
   EXPECT_EQ(worlds_in_order(r), (std::vector{1, 0, 2}));
