@@ -631,7 +631,7 @@ class BadOutput(TrackTest):
 class OnlyTurns(TrackTest):
     """A camera that turns on the spot has orientations, and no place that anybody knows."""
 
-    def film(self, frames, lens="pinhole"):
+    def film(self, frames):
         sequence = self.folder / "rotation"
         camera = self.file("small.yaml", CAMERA.replace("[64, 48]", "[320, 240]").replace("50", "250")
                            .replace("31.5", "159.5").replace("23.5", "119.5"))

@@ -130,22 +130,32 @@ PointTracks seen_by_keyframes(const SolveInput& stretch) {
   return few;
 }
 
-// A lens that was found along rays, as one that solve() finds: what no spread tells of is added.
-FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tracks, int first_frame,
-                          double posed) {
+// A camera that was found in images of a stretch, with standard deviations of its numbers to which what no
+// spread tells of is added; how sure it is at the rim is left to the caller.
+FoundLens lens_of_camera(const Camera& camera, double focal_sigma, double centre_sigma, int first_frame,
+                         int images, double doubt) {
   constexpr double kModelError = 0.005;
-  const double doubt = kOptimism / posed;
-  FoundLens lens{Rig{{found.camera}}, {}, {}, true};
+  FoundLens lens{Rig{{camera}}, {}, {}};
   lens.rig.cameras[0].name = "camera";
   lens.prior.without_shutter = true;
-  lens.prior.focal = doubt * std::hypot(found.sigma.focal, kModelError);
-  lens.prior.centre = std::clamp(doubt * found.sigma.centre, kSurest.centre, kVaguest.centre);
-  lens.prior.rim = std::clamp(doubt * found.sigma.rim, kSurest.rim, kVaguest.rim);
+  lens.prior.focal = doubt * std::hypot(focal_sigma, kModelError);
+  lens.prior.centre = std::clamp(doubt * centre_sigma, kSurest.centre, kVaguest.centre);
   lens.origin = {.source = "footage",
                  .first_frame = first_frame,
-                 .last_frame = first_frame + tracks.image_count - 1,
-                 .focal = found.camera.pixels_per_radian(),
+                 .last_frame = first_frame + images - 1,
+                 .focal = camera.pixels_per_radian(),
                  .focal_sigma = lens.prior.focal};
+  return lens;
+}
+
+// A lens that was found along rays, as one that solve() finds.
+FoundLens lens_along_rays(const RayReconstruction& found, const PointTracks& tracks, int first_frame,
+                          double posed) {
+  const double doubt = kOptimism / posed;
+  FoundLens lens = lens_of_camera(found.camera, found.sigma.focal, found.sigma.centre, first_frame,
+                                  tracks.image_count, doubt);
+  lens.prior.rim = std::clamp(doubt * found.sigma.rim, kSurest.rim, kVaguest.rim);
+  lens.told_apart = true;
   return lens;
 }
 
@@ -204,34 +214,19 @@ bool is_sure(const std::optional<FoundLens>& lens) {
   return lens && lens->prior.focal <= kSure;
 }
 
-// What turns tell of the lens: of pairs of images between which the camera did nothing else, if these are
-// many.
-FoundLens lens_by_turning(const TurnLens& found, const SolveInput& stretch, int first_frame) {
-  constexpr double kModelError = 0.005, kRim = 0.1;
-  FoundLens lens{Rig{{found.camera}}, {}, {}};
-  lens.rig.cameras[0].name = "camera";
-  lens.prior.focal = kOptimism * std::hypot(found.focal_sigma, kModelError);
-  lens.prior.centre = std::clamp(kOptimism * found.centre_sigma, kSurest.centre, kVaguest.centre);
-  lens.prior.rim = kRim;
-  lens.prior.without_shutter = true;
-  lens.origin = {.source = "footage",
-                 .first_frame = first_frame,
-                 .last_frame = first_frame + static_cast<int>(stretch.names.size()) - 1,
-                 .focal = found.camera.pixels_per_radian(),
-                 .focal_sigma = lens.prior.focal};
-  return lens;
-}
-
 // A lens that turns tell stands in for one that a stretch tells badly; and for any other where all that is
 // seen is a turn: what a fisheye sees of one is what a perspective lens sees of some scene that it moves
 // through.
 void mind_turns(const SolveInput& stretch, int first_frame, uint64_t seed, Telling* telling) {
+  constexpr double kRim = 0.1;
   const SolveOptions options;
   const auto found = lens_of_turn(
       stretch.tracks,
       {.max_error_px = options.max_error_px, .centre_sigma = options.principal_point_sigma, .seed = seed});
   if (!found || found->explained < kManyTurn) return;
-  FoundLens lens = lens_by_turning(*found, stretch, first_frame);
+  FoundLens lens = lens_of_camera(found->camera, found->focal_sigma, found->centre_sigma, first_frame,
+                                  stretch.tracks.image_count, kOptimism);
+  lens.prior.rim = kRim;
   if (!is_sure(lens)) return;
   const bool all_turn = found->explained > kAllTurn;
   if (is_sure(telling->lens) && !all_turn) return;

@@ -11,8 +11,8 @@ namespace {
 
 // Starts that were refused after which turns are followed: most footage starts with fewer.
 constexpr int kRefusedStarts = 3;
-// Of worlds that only turn: part of the frames, and and of a world
-// radians from its first frame to the one that is farthest from it.
+// Of worlds that only turn: part of the frames, and of a world radians from its first frame to the one that
+// is farthest from it.
 constexpr double kLeastPart = 0.5, kLeastTurn = 0.1;
 constexpr int kLeastFrames = 6;
 constexpr double kKeyFrameTurn = 0.15;  // radians from one key frame to the next

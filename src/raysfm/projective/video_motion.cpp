@@ -16,7 +16,6 @@ namespace raysfm {
 namespace {
 
 constexpr int kMotionPairs = 12;
-constexpr int kMinMotionMatches = 30;
 constexpr int kMaxMotionSamples = 500;
 // An error of a homography may be larger: a lens that bends lines breaks it where the camera only turns.
 constexpr double kHomographyError = 0.006;  // of the image's larger side
@@ -133,17 +132,6 @@ Turns best_turns(std::span<const Pair> pairs, const Eigen::Vector2d& size, doubl
     }
   }
   return best;
-}
-
-// The last image after `first` that shares enough with it, -1 without one.
-int farthest_partner(const ImageObservations& observations, std::span<const int> images, size_t first) {
-  const int enough = std::max(kMinMotionMatches, observations.count(images[first]) / 4);
-  int partner = -1;
-  for (size_t j = first + 1; j < images.size(); ++j) {
-    if (static_cast<int>(observations.matches(images[first], images[j]).a.size()) < enough) break;
-    partner = images[j];
-  }
-  return partner;
 }
 
 }  // namespace

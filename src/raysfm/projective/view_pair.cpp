@@ -135,6 +135,17 @@ PairMatches ImageObservations::matches(int a, int b) const {
   return matches;
 }
 
+int farthest_partner(const ImageObservations& observations, std::span<const int> images, std::size_t first) {
+  constexpr int kLeastMatches = 30;
+  const int enough = std::max(kLeastMatches, observations.count(images[first]) / 4);
+  int partner = -1;
+  for (std::size_t j = first + 1; j < images.size(); ++j) {
+    if (static_cast<int>(observations.matches(images[first], images[j]).a.size()) < enough) break;
+    partner = images[j];
+  }
+  return partner;
+}
+
 bool fundamental_ransac(const PairMatches& matches, double max_error, int max_samples, uint64_t seed,
                         uint64_t stream, ViewPair* pair) {
   MatchEstimator<Fundamental> estimator(matches, max_error);

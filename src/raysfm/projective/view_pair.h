@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "raysfm/core/result.h"
@@ -31,6 +33,10 @@ class ImageObservations {
   const PointTracks& tracks_;
   std::vector<int> begin_, observations_;
 };
+
+// The last of `images` after the one at `first` before one that shares too little with it: less than 30
+// points, or than a quarter of those that it sees; -1 without one.
+int farthest_partner(const ImageObservations& observations, std::span<const int> images, std::size_t first);
 
 // Two images, their matches and their fundamental matrix.
 struct ViewPair {

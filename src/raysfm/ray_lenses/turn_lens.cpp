@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 #include "raysfm/core/median.h"
@@ -21,7 +22,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kMostPairs = 24, kLeastMatches = 30;
+constexpr int kMostPairs = 24;
 constexpr std::size_t kFewestPairs = 4;
 constexpr std::size_t kMatchesOfPair = 150;
 // Of focal lengths that are tried first, parts of the image's larger side, and the factor between two.
@@ -61,6 +62,8 @@ Camera camera_of(LensKind kind, const Numbers& n, const Vector2d& size) {
 std::vector<PairMatches> pairs_of(const PointTracks& tracks) {
   const ImageObservations observations(tracks);
   const int images = tracks.image_count, step = 1 + 2 * images / kMostPairs;
+  std::vector<int> all_images(images);
+  std::iota(all_images.begin(), all_images.end(), 0);
   std::vector<PairMatches> pairs;
   const auto add = [&](int a, int b) {
     PairMatches all = observations.matches(a, b), few;
@@ -72,10 +75,7 @@ std::vector<PairMatches> pairs_of(const PointTracks& tracks) {
     pairs.push_back(std::move(few));
   };
   for (int first = 0; first + 1 < images; first += step) {
-    const int enough = std::max(kLeastMatches, observations.count(first) / 4);
-    int last = first;
-    while (last + 1 < images && static_cast<int>(observations.matches(first, last + 1).a.size()) >= enough)
-      ++last;
+    const int last = farthest_partner(observations, all_images, first);
     if (last > first) add(first, last);
     if (last > first + 2) add(first, (first + last) / 2);
   }
