@@ -380,6 +380,15 @@ cameras:
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.0005 * judged["length_m"])
 
+    def test_a_lens_that_is_far_from_all_guesses(self):
+        """Of 25 degrees, which no stretch tells: tracking gets there step by step, from both sides."""
+        judged = self.film_judged("model: radtan, resolution: [320, 240], "
+                                  "intrinsics: {fx: 721.7, fy: 721.7, cx: 160.4, cy: 118.5, k1: -0.2395, k2: 0.0323, p1: 0, p2: 0}",
+                                  "corridor", "--motion", "walk", "--fps", 30, "--frames", 100, "--length", 4.67, "--noise", 3,
+                                  "--blur", 0.005, "--readout", 15, "--seed", 29, told=False)
+        self.assertEqual(judged["coverage"], 1)
+        self.assertLess(judged["ate"]["mean"], 0.001 * judged["length_m"])
+
     def test_a_pan_that_looks_like_a_crop(self):
         """A rolling shutter that turns moves the axis of the lens that explains it best far to the side."""
         judged = self.film_judged("model: radtan, resolution: [1280, 720], "

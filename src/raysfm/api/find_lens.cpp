@@ -478,10 +478,8 @@ Result<FoundLens> find_lens(const TrackSettings& settings, Input input, const Tr
     Result<Telling> asked = ask_footage(settings, **reader, callbacks, zoom);
     if (!asked) return asked.error();
     telling = *std::move(asked);
-    // What a map of a mere turn says of the lens is chance.
-    const bool only_turns = telling.reason.starts_with("pure rotation");
     if (!is_sure(telling.lens) && telling.turned) telling.lens = telling.turned;
-    if (!telling.lens && !told && !only_turns && zoom->last_frame < 0 && !callbacks.stopped()) {
+    if (!telling.lens && !told && !callbacks.stopped()) {
       telling.lens = ask_tracking(settings, (*reader)->source(), telling.vague, callbacks);
     }
   }

@@ -5,8 +5,8 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <span>
 #include <string>
-#include <vector>
 
 #include "raysfm/api/find_lens.h"
 #include "raysfm/scene/worlds.h"
@@ -16,15 +16,18 @@ namespace {
 
 // Focal lengths to begin with, in parts of the longer side of the image: of 76 and 50 degrees. From either,
 // tracking finds lenses that are half as far again to both sides, and those of action cameras, whose
-// distortion is a fifth at the rim.
-constexpr std::array kGuesses = {0.64, 1.07};
+// distortion is a fifth at the rim. The others, of 63, 35 and 24 degrees, take the place of those whose maps
+// tell nothing.
+constexpr std::array kGuesses = {0.64, 1.07, 0.82, 1.6, 2.4};
 constexpr CalibrationPrior kGuessed{.focal = 0.2, .centre = 0.02, .rim = 0.2, .is_guess = true};
 // Of a lens that a stretch told, though vaguely.
 constexpr CalibrationPrior kVaguelyTold{.focal = 0.2, .centre = 0.02, .rim = 0.05};
 constexpr int kMostTracked = 900;
-constexpr int kMostGuesses = 2;  // the second begins where the first ended
-// By how much the two may end apart, as a part of the focal length; and what must have a pose.
-constexpr double kAgree = 0.03, kMostlyPosed = 0.5;
+constexpr int kMostRuns = 5;  // from a guess, each from where the one before it ended
+// By how much the two may end apart, or more as far as their standard deviations say so; and from where their
+// last runs began, as a part of the focal length: from far off both may stop at the same place half-way. And
+// what must have a pose.
+constexpr double kAgree = 0.03, kMostApart = 0.1, kStays = 0.1, kMostlyPosed = 0.5;
 // Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
 // how much the map made from there may end apart.
 constexpr double kMostVague = 0.2, kNear = 0.1;
@@ -88,12 +91,13 @@ double apart(const FoundLens& a, const FoundLens& b) {
 }
 
 // The one whose map is surest, where all say the same.
-std::optional<FoundLens> agreement(const std::vector<FoundLens>& found) {
+std::optional<FoundLens> agreement(std::span<const FoundLens> found) {
   const auto focal_sigma = [](const FoundLens& lens) { return lens.origin.focal_sigma; };
   FoundLens best = *std::ranges::min_element(found, {}, focal_sigma);
   for (const FoundLens& other : found) {
     const double off = apart(other, best);
-    if (off > kAgree) return std::nullopt;
+    const double sigma = std::hypot(focal_sigma(other), focal_sigma(best));
+    if (off > std::max(kAgree, std::min(sigma, kMostApart))) return std::nullopt;
     doubt(off, &best);
   }
   return best;
@@ -112,6 +116,13 @@ Eigen::Vector2d centre_of(const FoundLens& lens) {
 // rolling shutter that turns on the spot, or another lens, made it seem so, tracking has other reasons.
 bool centre_holds(const FoundLens& vague, const FoundLens& refined) {
   return !vague.is_aside || (centre_of(refined) - centre_of(vague)).norm() <= kCentreStays;
+}
+
+// For the user to see that something goes on.
+void tell_run(const TrackCallbacks& callbacks, const FoundLens& from, const std::optional<ToldByMap>& told) {
+  const std::string end = told ? fmt::format("ends at {:.1f}", told->lens.origin.focal) : "tells none";
+  tell(callbacks.event, Event::Level::kInfo,
+       fmt::format("tracking from a focal length of {:.1f} pixels {}", from.origin.focal, end));
 }
 
 // From what a stretch says; none where its map says something else.
@@ -140,24 +151,32 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
     crop = refined_vague(quiet, callbacks, *vague);
     if (crop && !vague->is_aside) return crop->lens;
   }
-  std::vector<FoundLens> lenses;
-  for (const double guess : kGuesses) {
-    lenses.push_back(
-        {Rig{{pinhole_camera(guess * std::max(source.width(), source.height()), source)}}, {}, {}});
-  }
-  for (int round = 0; round < kMostGuesses; ++round) {
-    bool all_told = true;
-    for (FoundLens& lens : lenses) {
-      const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, lens, kGuessed);
-      all_told &= told.has_value();
-      if (!told && !crop) return std::nullopt;
-      if (!told) continue;
-      lens = told->lens;
-      if (crop && crop->rms_px > kWorse * told->rms_px) crop.reset();
+  const auto guessed = [&](double guess) {
+    const double focal = guess * std::max(source.width(), source.height());
+    return FoundLens{.rig = Rig{{pinhole_camera(focal, source)}}, .prior = {}, .origin = {.focal = focal}};
+  };
+  const auto* next = kGuesses.begin();
+  std::array lenses = {guessed(*next++), guessed(*next++)};
+  std::array stays = {false, false};
+  for (int run = 0; run < kMostRuns; ++run) {
+    const bool both = stays[0] == stays[1];
+    bool moves = false;
+    for (size_t i = 0; i < lenses.size(); ++i) {
+      if (stays[i] && !both) continue;
+      const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, lenses[i], kGuessed);
+      if (callbacks.stopped()) return std::nullopt;
+      tell_run(callbacks, lenses[i], told);
+      const double step = told ? apart(told->lens, lenses[i]) : 1;
+      stays[i] = step <= kStays;
+      moves |= step > 0;
+      if (!told && next == kGuesses.end()) return std::nullopt;
+      lenses[i] = told ? told->lens : guessed(*next++);
+      if (told && crop && crop->rms_px > kWorse * told->rms_px) crop.reset();
     }
     if (crop) return crop->lens;
-    if (!all_told) return std::nullopt;
+    if (!stays[0] || !stays[1]) continue;
     if (std::optional<FoundLens> agreed = agreement(lenses)) return agreed;
+    if (!moves) return std::nullopt;
   }
   return std::nullopt;
 }

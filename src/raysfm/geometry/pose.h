@@ -33,6 +33,13 @@ inline Rigid3 retract(const Rigid3& b_from_a, const Eigen::Matrix<double, 6, 1>&
   return {(r * b_from_a.rotation).normalized(), r * b_from_a.translation + delta.head<3>()};
 }
 
+// The covariance of a tangent after its frame was turned: c_from_b of tangents in b, to those in c.
+inline Matrix6d turned_covariance(const Eigen::Matrix3d& c_from_b, const Matrix6d& covariance) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = c_from_b;
+  return turn * covariance * turn.transpose();
+}
+
 // Similarity: x_in_b = scale * rotation * x_in_a + translation.
 struct Similarity3 {
   double scale = 1.0;

@@ -104,9 +104,7 @@ std::optional<TurnedPose> TurnTracker::turn(const View& view, uint64_t seed) {
 
 // That of the base, that of the rotation, and a translation that the tolerance hides.
 Matrix6d TurnTracker::covariance_after(const Eigen::Matrix3d& rotation) const {
-  Matrix6d moved = Matrix6d::Zero();
-  moved.topLeftCorner<3, 3>() = moved.bottomRightCorner<3, 3>() = rotation;
-  Matrix6d covariance = moved * base_.covariance * moved.transpose();
+  Matrix6d covariance = turned_covariance(rotation, base_.covariance);
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   double squares = 0;
   int inliers = 0;

@@ -203,8 +203,8 @@ class Odometry {
   const SegmentState& segment() const { return segments_[active_]; }
   int world() const { return active_; }
   bool tracking() const { return previous_.has_value(); }
-  // Worlds of a turn have orientations alone.
-  bool has_points(int number) const { return !segments_[number].map.tracks.empty(); }
+  // Worlds of a turn have orientations alone; none of them stands beside another kind.
+  bool only_turns() const { return !segments_.empty() && segments_[0].map.tracks.empty(); }
   // rig_from_world of a frame, as its key frame stands now in the map of its segment.
   static Rigid3 present_pose(const FrameRecord& frame, const Map& map) {
     return frame.rig_from_keyframe * map.keyframes[frame.keyframe].rig_from_world;
@@ -268,7 +268,8 @@ class Odometry {
   void begin_early_turn();
   void add_to_early_turn(const ViewPtr& view);
   void take_early_turn();
-  void turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map);
+  void turn_from(const TurnedFrame& known, const TurnedFrame& turned, double distance);
+  void record_turned(int number, const TurnedPose& pose, int keyframe);
   void begin_turned_worlds();
   void begin_turned_world(const std::vector<TurnedFrame>& turn);
   static bool is_due(const Localisation& pose);

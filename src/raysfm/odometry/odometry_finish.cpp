@@ -30,12 +30,14 @@ Reconstruction Odometry::finish(bool final_adjustment, std::vector<Map>* kept_ma
   }
   if (tracking()) remember_end();
   release_views();
-  const std::vector<int> numbers = numbers_of_segments();
-  for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
-    if (numbers[s] >= 0 && has_points(s)) refine_calibration(s, true);
+  if (!only_turns()) {
+    const std::vector<int> numbers = numbers_of_segments();
+    for (int s = 0; s < static_cast<int>(numbers.size()); ++s) {
+      if (numbers[s] >= 0) refine_calibration(s, true);
+    }
+    if (options_.finishes_maps) finish_maps(final_adjustment);
+    finish_covariances();
   }
-  if (options_.finishes_maps) finish_maps(final_adjustment);
-  finish_covariances();
   for (int i = 0; i < frames(); ++i) settle(i);
   std::vector<Map> maps;
   for (SegmentState& s : segments_) maps.push_back(std::move(s.map));
@@ -53,13 +55,13 @@ void Odometry::finish_maps(bool final_adjustment) {
   const int worlds = static_cast<int>(segments_.size());
   for (int s = 0; s < worlds; ++s) {
     const SegmentState& segment = segments_[s];
-    if (segment.joined_into >= 0 || !has_points(s)) continue;
+    if (segment.joined_into >= 0) continue;
     if (segment.calibration != calibration_ || segment.closed || rig_.scans()) adapt(s, 0, whole_adaption(s));
     if (final_adjustment) adjust_finally(s);
   }
   const std::vector<Rig> deviations = refiner_.deviations();
   for (int s = 0; s < worlds; ++s) {
-    if (segments_[s].joined_into >= 0 || !has_points(s)) continue;
+    if (segments_[s].joined_into >= 0) continue;
     find_scale(s, deviations);
     if (segments_[s].closed) adjust_to_noise(s);
   }
@@ -100,7 +102,7 @@ void Odometry::release_views() {
 void Odometry::finish_covariances() {
   const std::vector<Rig> deviations = refiner_.deviations();
   for (int s = 0; s < static_cast<int>(segments_.size()); ++s) {
-    if (segments_[s].joined_into >= 0 || !has_points(s)) continue;
+    if (segments_[s].joined_into >= 0) continue;
     if (!deviations.empty()) {
       map_covariance_.measure_all(rig_, deviations, segments_[s].map, s);
     } else if (s == active_) {

@@ -36,12 +36,11 @@ bool Odometry::turn_on_the_spot(const ViewPtr& view) {
   if (segments_.empty()) return false;
   const std::optional<TurnedPose> turned = turner_.advance(view, options_.seed);
   if (!turned) return false;
+  record_turned(view->frame, *turned, frames_[last_seen_->view->frame].keyframe);
   Localisation pose;
   pose.rig_from_world = turned->rig_from_world;
   pose.covariance = turned->covariance;
-  record(view->frame, pose, frames_[last_seen_->view->frame].keyframe, turned->covariance);
   last_seen_ = following(*last_seen_, view, std::move(pose));
-  frames_[view->frame].place_held = true;
   return true;
 }
 

@@ -1,6 +1,7 @@
 // What Odometry does with a rig that only turns, before any world has started and where none ever does.
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "raysfm/core/median.h"
@@ -49,13 +50,6 @@ Matrix6d scaled_covariance(const TurnedPose& pose, double distance) {
   return scaled;
 }
 
-// Of a tangent, in the frame of a rig that turned.
-Matrix6d in_frame(const Eigen::Quaterniond& rotation, const Matrix6d& covariance) {
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = rotation.toRotationMatrix();
-  return turn * covariance * turn.transpose();
-}
-
 }  // namespace
 
 // The views that the starter has, the newest one among them, where it begins; then each that comes.
@@ -91,25 +85,35 @@ void Odometry::take_early_turn() {
   const std::vector<TurnedFrame>& turn = early.turns.back();
   const Map& map = segment().map;
   const TurnedFrame* known = nullptr;
+  double distance = 0;  // of what the map sees from it
   for (auto t = turn.rbegin(); t != turn.rend(); ++t) {
-    if (frames_[t->frame].segment >= 0) {
-      known = &*t;
-    } else if (known) {
-      turn_from(*known, *t, map);
+    const FrameRecord& frame = frames_[t->frame];
+    if (frame.segment < 0) {
+      if (known) turn_from(*known, *t, distance);
+      continue;
     }
+    known = &*t;
+    const bool is_next = std::next(t) != turn.rend() && frames_[std::next(t)->frame].segment < 0;
+    if (is_next) distance = median_distance(map, present_pose(frame, map));
   }
 }
 
-void Odometry::turn_from(const TurnedFrame& known, const TurnedFrame& turned, const Map& map) {
-  const FrameRecord& record_known = frames_[known.frame];
-  const Rigid3 pose = present_pose(record_known, map);
+void Odometry::turn_from(const TurnedFrame& known, const TurnedFrame& turned, double distance) {
+  const FrameRecord& frame = frames_[known.frame];
   const Rigid3 from_known = turned.pose.rig_from_world * known.pose.rig_from_world.inverse();
-  const Matrix6d covariance =
-      record_known.covariance + scaled_covariance(known.pose, median_distance(map, pose));
-  Localisation localised;
-  localised.rig_from_world = from_known * pose;
-  record(turned.frame, localised, record_known.keyframe, in_frame(from_known.rotation, covariance));
-  frames_[turned.frame].place_held = true;
+  const Matrix6d covariance = frame.covariance + scaled_covariance(known.pose, distance);
+  record_turned(turned.frame,
+                {from_known * present_pose(frame, segment().map),
+                 turned_covariance(from_known.rotation.toRotationMatrix(), covariance)},
+                frame.keyframe);
+}
+
+// Of a frame that was only seen to turn, in the active world.
+void Odometry::record_turned(int number, const TurnedPose& pose, int keyframe) {
+  Localisation turned;
+  turned.rig_from_world = pose.rig_from_world;
+  record(number, turned, keyframe, pose.covariance);
+  frames_[number].place_held = true;
 }
 
 // Worlds of orientations, where no other has started: key frames without points. None of turns that are
@@ -145,11 +149,7 @@ void Odometry::begin_turned_world(const std::vector<TurnedFrame>& turn) {
       keyframe.rig_from_world = pose;
       s.views.emplace_back();
     }
-    const int newest = static_cast<int>(s.map.keyframes.size()) - 1;
-    Localisation turned;
-    turned.rig_from_world = pose;
-    record(t.frame, turned, newest, t.pose.covariance);
-    frames_[t.frame].place_held = true;
+    record_turned(t.frame, t.pose, static_cast<int>(s.map.keyframes.size()) - 1);
   }
 }
 

@@ -62,7 +62,7 @@ struct Segment {
 struct StartSummary {
   std::string method;       // e.g. "five-point"
   std::vector<int> frames;  // frame indices of the views used
-  int inliers = 0;          // points that survived
+  int inliers = 0;          // points that survived; 0 where the rig was only seen to turn
 };
 
 // A place that was seen again long after, or in another world, and what that brought together.

@@ -17,14 +17,6 @@ constexpr size_t kMostKnown = 64;
 constexpr int kPoints = 20;  // of each key frame: more cost time and change little
 constexpr RobustLoss kWindowLoss{RobustLoss::Kind::kHuber, 1.0};
 
-// A frame is about where its key frame is, and as far off: only its axes are others.
-Matrix6d in_axes_of(const Rigid3& rig_from_keyframe, const Matrix6d& covariance) {
-  const Eigen::Matrix3d turn = rig_from_keyframe.rotation.toRotationMatrix();
-  Matrix6d turned = Matrix6d::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = turn;
-  return turned * covariance * turned.transpose();
-}
-
 }  // namespace
 
 bool MapCovariance::is_due(const Map& map) const {
@@ -87,14 +79,16 @@ Matrix6d MapCovariance::of(int world, int keyframe_frame, const Rigid3& rig_from
   Matrix6d sum = factor_ * points_fixed;
   const Known* known = nearest(world, keyframe_frame);
   if (!known) return sum;
-  sum += in_axes_of(rig_from_keyframe, known->covariance);
+  // A frame is about where its key frame is, and as far off: only its axes are others.
+  sum += turned_covariance(rig_from_keyframe.rotation.toRotationMatrix(), known->covariance);
   return 0.5 * (sum + sum.transpose());
 }
 
 Matrix6d MapCovariance::by_calibration(int world, int keyframe_frame, const Rigid3& rig_from_keyframe) const {
   const Known* known = nearest(world, keyframe_frame);
   if (!known) return Matrix6d::Zero();
-  const Matrix6d turned = in_axes_of(rig_from_keyframe, known->by_calibration);
+  const Matrix6d turned =
+      turned_covariance(rig_from_keyframe.rotation.toRotationMatrix(), known->by_calibration);
   return 0.5 * (turned + turned.transpose());
 }
 
