@@ -37,7 +37,7 @@ constexpr double kMostError = 4;
 constexpr double kDoubt = 5;  // of a calibration that is told to be refined
 constexpr double kFar = 0.2;  // effect of a change after which residuals are linearised anew
 // Logarithm of the ratio of two focal lengths, and standard deviations of it, that a lens has zoomed.
-constexpr double kZoom = 0.05, kSurelyZoomed = 8;
+constexpr double kZoom = 0.05, kSurelyZoomed = 5;
 // Standard deviations of a readout in a short stretch that speak of one.
 constexpr double kSurelyScanned = 4;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};

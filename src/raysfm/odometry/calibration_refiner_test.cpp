@@ -334,6 +334,7 @@ TEST(CalibrationRefiner, AZoomIsSeen) {
     return odometry.lens_change();
   };
   EXPECT_FALSE(change(1));
+  EXPECT_TRUE(change(1.06f));
   const std::optional<SeenZoom> seen = change(1.15f);
   ASSERT_TRUE(seen);
   EXPECT_NEAR(seen->after / seen->before, 1.15, 0.06);
