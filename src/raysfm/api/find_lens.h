@@ -60,9 +60,9 @@ Camera pinhole_camera(double focal, const FrameSource& source);
 
 // The lens that maps tell which are tracked with others, over the beginning of the footage: from what a
 // stretch says of it (`vague`, too little to be told), where the map tells one that is not far from that;
-// else from a short and a long focal length, and on from where their maps end, where both come to stay at the
-// same. It minds rolling shutters, which
-// find_lens() does not, and needs no start without a lens. None where maps do not agree, or do not tell.
+// else from a short and a long focal length, and on from where their maps end, where one comes to stay and
+// the other leads there. It minds rolling shutters, which find_lens() does not, and needs no start without a
+// lens. None where maps do not agree, or do not tell.
 std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const FrameSource& source,
                                           const std::optional<FoundLens>& vague,
                                           const TrackCallbacks& callbacks);

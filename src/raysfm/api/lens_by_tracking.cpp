@@ -90,14 +90,14 @@ double apart(const FoundLens& a, const FoundLens& b) {
   return std::abs(std::log(a.origin.focal / b.origin.focal));
 }
 
-// The one whose map is surest, where all say the same.
-std::optional<FoundLens> agreement(std::span<const FoundLens> found) {
+// The one whose map is surest, where all say the same; `as_told`: as far as they say how sure they are.
+std::optional<FoundLens> agreement(std::span<const FoundLens> found, bool as_told) {
   const auto focal_sigma = [](const FoundLens& lens) { return lens.origin.focal_sigma; };
   FoundLens best = *std::ranges::min_element(found, {}, focal_sigma);
   for (const FoundLens& other : found) {
     const double off = apart(other, best);
     const double sigma = std::hypot(focal_sigma(other), focal_sigma(best));
-    if (off > std::max(kAgree, std::min(sigma, kMostApart))) return std::nullopt;
+    if (off > (as_told ? std::max(kAgree, std::min(sigma, kMostApart)) : kAgree)) return std::nullopt;
     doubt(off, &best);
   }
   return best;
@@ -160,7 +160,7 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
   std::array stays = {false, false};
   for (int run = 0; run < kMostRuns; ++run) {
     const bool both = stays[0] == stays[1];
-    bool moves = false;
+    bool moves = false, all_told = true;
     for (size_t i = 0; i < lenses.size(); ++i) {
       if (stays[i] && !both) continue;
       const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, lenses[i], kGuessed);
@@ -169,13 +169,15 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
       const double step = told ? apart(told->lens, lenses[i]) : 1;
       stays[i] = step <= kStays;
       moves |= step > 0;
+      all_told &= told.has_value();
       if (!told && next == kGuesses.end()) return std::nullopt;
       lenses[i] = told ? told->lens : guessed(*next++);
       if (told && crop && crop->rms_px > kWorse * told->rms_px) crop.reset();
     }
     if (crop) return crop->lens;
-    if (!stays[0] || !stays[1]) continue;
-    if (std::optional<FoundLens> agreed = agreement(lenses)) return agreed;
+    // One that comes from afar to where the other stays is as good.
+    if (!all_told || !(stays[0] || stays[1])) continue;
+    if (std::optional<FoundLens> agreed = agreement(lenses, stays[0] && stays[1])) return agreed;
     if (!moves) return std::nullopt;
   }
   return std::nullopt;
