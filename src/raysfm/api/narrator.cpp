@@ -107,7 +107,7 @@ std::string dropped_shutter_warning(bool is_dropped) {
 std::string start_warning(const Reconstruction& r) {
   constexpr int kMayGrow = 10;  // frames with a pose, from which on another key frame is to be expected
   const std::vector<int> worlds = worlds_in_order(r);
-  if (worlds.empty()) return "";
+  if (worlds.empty() || r.points.empty()) return "";  // of turns alone there is no map
   const auto in_main = [&](const PosedFrame& frame) { return frame.segment == worlds[0]; };
   const auto frames = std::ranges::count_if(r.frames, in_main);
   const auto keyframes =
