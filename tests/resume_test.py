@@ -99,7 +99,7 @@ class Resume(ProgramTest):
     def test_a_checkpoint_that_is_not_whole_is_as_if_it_were_not_there(self):
         self.track(ROOM)
         whole = result(self.out)
-        for content in (b"", b"raysfm checkpoint 5\n", b"raysfm checkpoint 5\n" + 100 * b"\xff", b"something else"):
+        for content in (b"", b"raysfm checkpoint 6\n", b"raysfm checkpoint 6\n" + 100 * b"\xff", b"something else"):
             self.checkpoint.write_bytes(content)
             self.assertIn("starts anew", self.track(ROOM))
             self.assertEqual(result(self.out), whole)
