@@ -43,6 +43,15 @@ struct ToldByMap {
   double rms_px = 0;
 };
 
+// From a guess, on and on from where its map ended.
+struct Way {
+  FoundLens lens;
+  double step = INFINITY;  // of its last run, as apart(); infinite where its map told nothing
+
+  bool told() const { return step < INFINITY; }
+  bool stays() const { return step <= kStays; }
+};
+
 // Ends a run after so many frames, or with the run that it is a part of.
 class FrameLimit : public TrackWatcher {
  public:
@@ -90,16 +99,15 @@ double apart(const FoundLens& a, const FoundLens& b) {
   return std::abs(std::log(a.origin.focal / b.origin.focal));
 }
 
-// The one whose map is surest, where all say the same; `as_told`: as far as they say how sure they are.
-std::optional<FoundLens> agreement(std::span<const FoundLens> found, bool as_told) {
-  const auto focal_sigma = [](const FoundLens& lens) { return lens.origin.focal_sigma; };
-  FoundLens best = *std::ranges::min_element(found, {}, focal_sigma);
-  for (const FoundLens& other : found) {
-    const double off = apart(other, best);
-    const double sigma = std::hypot(focal_sigma(other), focal_sigma(best));
-    if (off > (as_told ? std::max(kAgree, std::min(sigma, kMostApart)) : kAgree)) return std::nullopt;
-    doubt(off, &best);
-  }
+// The one whose map is surest, where both say the same; where both stay, as far as they say how sure they
+// are.
+std::optional<FoundLens> agreement(std::span<const Way, 2> ways) {
+  const LensOrigin &a = ways[0].lens.origin, &b = ways[1].lens.origin;
+  const double off = apart(ways[0].lens, ways[1].lens), sigma = std::hypot(a.focal_sigma, b.focal_sigma);
+  const bool both_stay = ways[0].stays() && ways[1].stays();
+  if (off > (both_stay ? std::max(kAgree, std::min(sigma, kMostApart)) : kAgree)) return std::nullopt;
+  FoundLens best = ways[b.focal_sigma < a.focal_sigma].lens;
+  doubt(off, &best);
   return best;
 }
 
@@ -156,29 +164,27 @@ std::optional<FoundLens> lens_by_tracking(const TrackSettings& settings, const F
     return FoundLens{.rig = Rig{{pinhole_camera(focal, source)}}, .prior = {}, .origin = {.focal = focal}};
   };
   const auto* next = kGuesses.begin();
-  std::array lenses = {guessed(*next++), guessed(*next++)};
-  std::array stays = {false, false};
+  std::array ways = {Way{guessed(*next++)}, Way{guessed(*next++)}};
   for (int run = 0; run < kMostRuns; ++run) {
-    const bool both = stays[0] == stays[1];
-    bool moves = false, all_told = true;
-    for (size_t i = 0; i < lenses.size(); ++i) {
-      if (stays[i] && !both) continue;
-      const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, lenses[i], kGuessed);
+    const bool one_waits = ways[0].stays() != ways[1].stays();
+    for (Way& way : ways) {
+      if (one_waits && way.stays()) {
+        way.step = 0;
+        continue;
+      }
+      const std::optional<ToldByMap> told = refined_guess(quiet, callbacks, way.lens, kGuessed);
       if (callbacks.stopped()) return std::nullopt;
-      tell_run(callbacks, lenses[i], told);
-      const double step = told ? apart(told->lens, lenses[i]) : 1;
-      stays[i] = step <= kStays;
-      moves |= step > 0;
-      all_told &= told.has_value();
+      tell_run(callbacks, way.lens, told);
       if (!told && next == kGuesses.end()) return std::nullopt;
-      lenses[i] = told ? told->lens : guessed(*next++);
+      way = told ? Way{told->lens, apart(told->lens, way.lens)} : Way{guessed(*next++)};
       if (told && crop && crop->rms_px > kWorse * told->rms_px) crop.reset();
     }
     if (crop) return crop->lens;
     // One that comes from afar to where the other stays is as good.
-    if (!all_told || !(stays[0] || stays[1])) continue;
-    if (std::optional<FoundLens> agreed = agreement(lenses, stays[0] && stays[1])) return agreed;
-    if (!moves) return std::nullopt;
+    const bool both_told = ways[0].told() && ways[1].told();
+    if (!both_told || !(ways[0].stays() || ways[1].stays())) continue;
+    if (std::optional<FoundLens> agreed = agreement(ways)) return agreed;
+    if (ways[0].step == 0 && ways[1].step == 0) return std::nullopt;
   }
   return std::nullopt;
 }
