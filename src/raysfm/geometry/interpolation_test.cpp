@@ -38,5 +38,15 @@ TEST(Interpolation, CentreMovesStraightWhileTheCameraTurns) {
   EXPECT_LT((pose.inverse().translation - Vector3d(1, 0, 2)).norm(), 1e-12);
 }
 
+TEST(Interpolation, GoesOnBeyondBothPoses) {
+  const Rigid3 a = cam_from_world(0.1, {0, 0, 0}), b = cam_from_world(0.4, {4, 0, 8});
+  for (const auto& [part, expected] : {std::pair{-1.0, cam_from_world(-0.2, {-4, 0, -8})},
+                                       std::pair{2.0, cam_from_world(0.7, {8, 0, 16})}}) {
+    const Rigid3 pose = interpolate(a, b, part);
+    EXPECT_LT(pose.rotation.angularDistance(expected.rotation), 1e-12);
+    EXPECT_LT((pose.translation - expected.translation).norm(), 1e-12);
+  }
+}
+
 }  // namespace
 }  // namespace raysfm

@@ -172,26 +172,37 @@ void Odometry::grow_back(const std::vector<WaitingView>& views, int end, int fir
   observer_->map_adjusted({world(), views[end].frame, map.keyframes.back().frame, map.rescaled / rescaled});
 }
 
-// The others, of some of which only coarse images were kept: each by the key frame after it, while the map
-// reaches.
+// The others, of some of which only coarse images were kept: each by the key frame after it. Where none
+// before it is posed, while the map reaches.
 void Odometry::pose_earlier_frames(const std::vector<WaitingView>& views, int end, int first_view) {
   const Map& map = segment().map;
-  const auto posed = [&](int v) { return present_pose(frames_[views[v].frame], map); };
-  Rigid3 next = posed(first_view), velocity;
+  const auto is_posed = [&](const WaitingView& v) { return frames_[v.frame].segment == world(); };
+  const auto between = [&](int a, int b, int frame) {
+    const double part = double(rank_of(frame) - rank_of(a)) / double(rank_of(b) - rank_of(a));
+    return interpolate(present_pose(frames_[a], map), present_pose(frames_[b], map), part);
+  };
+  int next = views[first_view].frame;
+  int after_next = std::find_if(views.begin() + first_view + 1, views.end(), is_posed)->frame;
   LocalMap local;
   local.anchor = -1;
-  if (rig_.scans()) localiser_.set_motion(present_motion(views[first_view].frame));
+  if (rig_.scans()) localiser_.set_motion(present_motion(next));
   for (int v = first_view - 1; v >= end; --v) {
-    const WaitingView& waiting = views[v];
-    if (frames_[waiting.frame].segment < 0) {
-      if (!waiting.images()) continue;
-      int after = 0;
-      while (map.keyframes[after].frame < waiting.frame) ++after;
-      if (after != local.anchor) local = make_local_map(map, segment().views, rig_, after, kLocalReach);
-      if (!pose_near(*waiting.images(), local, velocity * next, false)) break;
+    const int frame = views[v].frame;
+    if (!is_posed(views[v])) {
+      if (!views[v].images()) continue;
+      const auto earlier = std::find_if(views.rend() - v, views.rend() - end, is_posed);
+      const bool is_last = earlier == views.rend() - end;
+      const Rigid3 predicted =
+          is_last ? between(next, after_next, frame) : between(earlier->frame, next, frame);
+      int anchor = 0;
+      while (map.keyframes[anchor].frame < frame) ++anchor;
+      if (anchor != local.anchor) local = make_local_map(map, segment().views, rig_, anchor, kLocalReach);
+      if (!pose_near(*views[v].images(), local, predicted, false)) {
+        if (is_last) break;
+        continue;
+      }
     }
-    velocity = posed(v) * next.inverse();
-    next = posed(v);
+    after_next = std::exchange(next, frame);
   }
 }
 
