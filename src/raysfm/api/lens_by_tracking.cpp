@@ -24,10 +24,10 @@ constexpr CalibrationPrior kGuessed{.focal = 0.2, .centre = 0.02, .rim = 0.2, .i
 constexpr CalibrationPrior kVaguelyTold{.focal = 0.2, .centre = 0.02, .rim = 0.05};
 constexpr int kMostTracked = 900;
 constexpr int kMostRuns = 5;  // from a guess, each from where the one before it ended
-// By how much the two may end apart, or more as far as their standard deviations say so; and from where their
-// last runs began, as a part of the focal length: from far off both may stop at the same place half-way. And
-// what must have a pose.
-constexpr double kAgree = 0.03, kMostApart = 0.1, kStays = 0.1, kMostlyPosed = 0.5;
+// By how much the two may end apart, or more by so many standard deviations of their difference; and from
+// where their last runs began, as a part of the focal length: from far off both may stop at the same place
+// half-way. And what must have a pose.
+constexpr double kAgree = 0.03, kSigmas = 2, kMostApart = 0.1, kStays = 0.1, kMostlyPosed = 0.5;
 // Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
 // how much the map made from there may end apart.
 constexpr double kMostVague = 0.2, kNear = 0.1;
@@ -105,7 +105,8 @@ std::optional<FoundLens> agreement(std::span<const Way, 2> ways) {
   const LensOrigin &a = ways[0].lens.origin, &b = ways[1].lens.origin;
   const double off = apart(ways[0].lens, ways[1].lens), sigma = std::hypot(a.focal_sigma, b.focal_sigma);
   const bool both_stay = ways[0].stays() && ways[1].stays();
-  if (off > (both_stay ? std::max(kAgree, std::min(sigma, kMostApart)) : kAgree)) return std::nullopt;
+  if (off > (both_stay ? std::max(kAgree, std::min(kSigmas * sigma, kMostApart)) : kAgree))
+    return std::nullopt;
   FoundLens best = ways[b.focal_sigma < a.focal_sigma].lens;
   doubt(off, &best);
   return best;

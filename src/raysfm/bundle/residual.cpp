@@ -1,5 +1,7 @@
 #include "raysfm/bundle/residual.h"
 
+#include <algorithm>
+
 namespace raysfm {
 
 bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, const Eigen::Vector2d& pixel,
@@ -72,6 +74,18 @@ bool ProblemResiduals::operator()(int observation, Eigen::Vector2d* residual) co
   const BalLens lens = problem_.lenses.empty() ? BalLens{} : problem_.lenses[o.pose];
   return residual_in_frame(problem_, observation, lens,
                            frame.rotation * problem_.points[o.point] + frame.translation, residual);
+}
+
+double truncated_cost(const BundleProblem& problem, double most) {
+  ProblemResiduals residuals;
+  residuals.load(problem);
+  double cost = 0;
+  for (size_t i = 0; i < problem.observations.size(); ++i) {
+    Eigen::Vector2d residual;
+    const bool is_seen = residuals(static_cast<int>(i), &residual);
+    cost += is_seen ? std::min(most * most, residual.squaredNorm()) : most * most;
+  }
+  return cost;
 }
 
 }  // namespace raysfm

@@ -35,6 +35,10 @@ class ProblemResiduals {
   std::vector<Frame> frames_;  // by pose, then by camera
 };
 
+// Sum of the squared residuals of all observations, whatever is_inlier says. One that is longer than `most`,
+// or that there is none of, costs as much as one of that length.
+double truncated_cost(const BundleProblem& problem, double most);
+
 // Residual of a lens, alone.
 bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, const Eigen::Vector2d& pixel,
                    Eigen::Vector2d* residual);

@@ -29,8 +29,12 @@ constexpr double kInlierError = 2.0;
 // poses no longer move by more than is known of them.
 enum class Adaption { kThinned, kTwoSeriesThinned, kTwoSeries, kToTheEnd, kUntilSettled };
 
-// What more key frames say of a map that a narrow lens hardly tells from one inside out: it stays, it stays
-// beyond doubt, or it was reversed.
+// What looks nearly the same as a map: through a narrow lens one inside out (mapping/relief.h), of a plane
+// the other motion that it looks the same by (mapping/planar_twin.h).
+enum class Rival { kInsideOut, kPlanarTwin };
+
+// What more key frames say of a map that is hardly told from its rivals: it stays, it stays beyond doubt, or
+// one of them took its place.
 enum class Relief { kStays, kSurelyStays, kReversed };
 
 // How soon a map is to be adjusted to a new key frame: now, where frames could not be posed without it.
@@ -67,8 +71,8 @@ class Mapper {
   // Adjusts everything until it converges.
   void adjust_globally(Map* map);
 
-  // Holds a map of few key frames against the one that a narrow lens can hardly tell from it
-  // (mapping/relief.h). Where that fits clearly better it is the map now, adjusted; else nothing changes.
+  // Holds a map of few key frames against its rivals. Where one fits clearly better it is the map now,
+  // adjusted; else nothing changes.
   Relief choose_relief(Map* map);
 
   // Adjusts everything, where parts of it fit together badly: each part by itself first. The unit of length
@@ -119,7 +123,8 @@ class Mapper {
   void gather(const Map* map, int first_observed, int first_free);
   BundleProblem window_problem(const Map& map);
   ScalePrior present_extent() const;
-  void reverse_window();
+  bool take_rival(Rival rival);
+  double weigh_rival(Rival rival, const Map& map);
   void scatter(int first_free, Map* map);
   bool is_adjustment_due(Adjusting adjusting, int keyframes) const;
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);

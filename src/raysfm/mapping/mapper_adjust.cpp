@@ -8,7 +8,6 @@
 #include "raysfm/bundle/residual.h"
 #include "raysfm/core/median.h"
 #include "raysfm/mapping/mapper.h"
-#include "raysfm/mapping/relief.h"
 
 namespace raysfm {
 namespace {
@@ -54,9 +53,6 @@ constexpr double kWorst = kInlierError * kInlierError;
 // Part of that which observations cost in the mean where a few steps do not adapt a map: it may lose all
 // points.
 constexpr double kMostlyOff = 0.95;
-// The same of a reversed map that was not adjusted yet, where a lens is wide. And what a reversed map costs
-// at most where it is taken, and at least where it is not asked for again, in parts of what the other does.
-constexpr double kMostReversed = 0.8, kClearlyBetter = 0.9, kSurelyWorse = 4;
 
 BundleOptions settling(BundleOptions options) {
   options.settled = kSettled;
@@ -75,19 +71,6 @@ double noise_of(const BundleProblem& problem) {
       squared.push_back(residual.squaredNorm());
   }
   return std::sqrt(median_of(&squared) / (2 * std::numbers::ln2));
-}
-
-// Sum of the squared residuals of all observations. One that is no inlier costs as much as the worst inlier.
-double truncated_cost(const BundleProblem& problem) {
-  ProblemResiduals residuals;
-  residuals.load(problem);
-  double cost = 0;
-  for (size_t i = 0; i < problem.observations.size(); ++i) {
-    Eigen::Vector2d residual;
-    const bool is_seen = residuals(static_cast<int>(i), &residual);
-    cost += is_seen ? std::min(kWorst, residual.squaredNorm()) : kWorst;
-  }
-  return cost;
 }
 
 }  // namespace
@@ -242,7 +225,7 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
   if (rig_.central() && first == 0) problem.scale_prior = present_extent();
   const bool has_few_steps = how != Adaption::kToTheEnd && how != Adaption::kUntilSettled;
   const double most = kMostlyOff * kWorst * static_cast<double>(window_.observations.size());
-  if (has_few_steps && truncated_cost(problem) > most) how = Adaption::kToTheEnd;
+  if (has_few_steps && truncated_cost(problem, kInlierError) > most) how = Adaption::kToTheEnd;
   switch (how) {
     case Adaption::kThinned:
       raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
@@ -305,38 +288,6 @@ void Mapper::adjust_globally(Map* map) {
   ScopedTimer timer(adjust_timing);
   adjust({}, kAdjustment, kAdjustment, map);
   release_scratch(*map);
-}
-
-void Mapper::reverse_window() {
-  const Rigid3 cam_from_rig = rig_.cam_from_rig(0), rig_from_cam = cam_from_rig.inverse();
-  for (Rigid3& pose : window_.poses) pose = cam_from_rig * pose;
-  reverse_relief(window_.poses, window_.points);
-  for (Rigid3& pose : window_.poses) pose = rig_from_cam * pose;
-  std::ranges::fill(window_.inliers, 1);
-}
-
-Relief Mapper::choose_relief(Map* map) {
-  if (rig_.size() > 1 || !rig_.central()) return Relief::kSurelyStays;  // the rays tell them apart
-  ScopedTimer timer(adjust_timing);
-  gather(map, 0, 0);
-  const BundleProblem problem = window_problem(*map);
-  const double most = kMostReversed * kWorst * static_cast<double>(window_.observations.size());
-  const double as_it_is = truncated_cost(problem);
-  Relief relief = Relief::kStays;
-  if (!window_.points.empty()) reverse_window();
-  // A wide lens tells them apart at once.
-  if (truncated_cost(problem) < most) {
-    adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
-    const double reversed = truncated_cost(problem);
-    if (reversed < kClearlyBetter * as_it_is) relief = Relief::kReversed;
-    if (reversed > kSurelyWorse * as_it_is) relief = Relief::kSurelyStays;
-  }
-  if (relief == Relief::kReversed) {
-    scatter(0, map);
-  } else {
-    for (const int t : window_.tracks) window_.point_of_track[t] = -1;
-  }
-  return relief;
 }
 
 void Mapper::adjust_hierarchically(Map* map) {

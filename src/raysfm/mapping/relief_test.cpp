@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <variant>
 
+#include "raysfm/mapping/planar_twin.h"
 #include "support/narrow_scene.h"
 
 namespace raysfm {
@@ -115,6 +116,40 @@ TEST_P(ReliefOfMapTest, AMapFollowsAnotherLensWithAllItsPoints) {
     const auto is_there = [](const Track& track) { return track.triangulated; };
     EXPECT_GT(std::ranges::count_if(map.tracks, is_there), 190);
   }
+}
+
+// A poster with a few things that stand out from it, passed in a straight line.
+NarrowScene poster() {
+  NarrowScene scene(40);
+  Rng rng(11);
+  const auto uniform = [&] { return 2 * rng.uniform() - 1; };
+  const Eigen::Vector3d plane = Eigen::Vector3d(0.1, -0.25, 1) / 3;
+  for (size_t i = 0; i < scene.points.size(); ++i) {
+    const Eigen::Vector3d ray(0.3 * uniform(), 0.3 * uniform(), 1);
+    scene.points[i] = ray * ((i % 8 == 0 ? 0.95 : 1) / plane.dot(ray));
+  }
+  const Eigen::Vector3d way = Eigen::Vector3d(-0.4, 0.7, 1).normalized();
+  for (size_t k = 0; k < scene.cam_from_world.size(); ++k) {
+    const auto part = static_cast<double>(k);
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.04 * part, Eigen::Vector3d(0.8, 0.5, 0).normalized()));
+    scene.cam_from_world[k] = {turn, turn * (-0.1 * part * way)};
+  }
+  return scene;
+}
+
+TEST(Relief, AMapOfTheTwinOfAPlaneIsTurned) {
+  const NarrowScene scene = poster();
+  NarrowScene twin = scene;
+  ASSERT_TRUE(take_planar_twin(twin.cam_from_world, twin.points));
+  const TrackingRig rig(Rig{{scene.camera}});
+  const OdometryOptions options;
+  Mapper mapper(rig, options);
+  Map map = map_of(rig, scene, twin);
+  mapper.adjust_globally(&map);
+  ASSERT_GT(worst_rotation(map, scene), 0.05) << "adjusting is enough";
+  EXPECT_EQ(mapper.choose_relief(&map), Relief::kReversed);
+  EXPECT_LT(worst_rotation(map, scene), 0.01);
+  EXPECT_NE(mapper.choose_relief(&map), Relief::kReversed);
 }
 
 INSTANTIATE_TEST_SUITE_P(Fields, ReliefOfMapTest, testing::Values(15.0, 20.0, 33.0),

@@ -229,8 +229,8 @@ void Odometry::hang_on_earlier_keyframes() {
   }
 }
 
-// Through a narrow lens the three views of a start may look the same as those of a world inside out. More key
-// frames tell.
+// Through a narrow lens the three views of a start may look the same as those of a world inside out, and
+// before a plane as those of another motion. More key frames tell.
 void Odometry::doubt_relief() {
   constexpr std::array kDoubted = {4, 6, 9, 14, 20};  // key frames
   SegmentState& s = segment();
