@@ -51,7 +51,7 @@ FEWER = ["room", "kitchen", "kitti07"]
 ELLIPSOID_999 = 16.27  # squared semi-axis in standard deviations, three dimensions, 99.9 %
 # A path is wrong beyond these three together.
 WRONG_RATIO, WRONG_PERCENT, WRONG_BEYOND = 3, 1, 50
-BROKEN_POSED = 50  # %: what is posed less has broken, with or without an error
+BROKEN_POSED = 50  # %: what is placed less has broken, with or without an error
 
 
 def solved(c, e):
@@ -125,7 +125,7 @@ def tracked(folder, outputs):
         said.append(f"{held} frames without a place")
     estimate = {t: place for t, (place, _) in read_trajectory(folder / "o" / "trajectory.txt").items()}
     truth = {t: place for t, (place, _) in read_trajectory(folder / "film" / "truth.txt").items()}
-    result = {"exit": outputs[-1].code, "posed_percent": 100 * frames["posed"] / frames["total"],
+    result = {"exit": outputs[-1].code, "posed_percent": 100 * (frames["posed"] - held) / frames["total"],
               "worlds": len(report["worlds"]), "said": said}
     return result | path_error(estimate, truth, position_covariances(folder / "o" / "covariance.csv"))
 
@@ -230,7 +230,7 @@ LOOKED_AT = [
     "figures) were such worlds when nothing was said of them; now `track` says that no later frame has added to their map.",
     "The truth of the kitchen is good to 3 to 5 cm only, on a path of 80 frames: its errors of 1 to 3 % of the path are those of the truth.",
 ]
-HEAD = "| strength | film | posed % | worlds | ATE % of path | to the film as it is | beyond 99.9 % | verdict | said |"
+HEAD = "| strength | film | placed % | worlds | ATE % of path | to the film as it is | beyond 99.9 % | verdict | said |"
 
 
 def page(made_by, results):
@@ -245,15 +245,15 @@ def page(made_by, results):
         f"A path is *wrong* where its ATE is more than {WRONG_RATIO} times that of the film as it is, more than {WRONG_PERCENT} % of the path, and more than "
         f"{WRONG_BEYOND} % of its frames are beyond their ellipsoids. Something was *said* where the program warned on stderr (a start that is "
         "still waited for does not count), left out frames after the first one posed, gave several worlds, marked frames whose "
-        f"place is not known, or ended with an error. A run is *lost* where less than {BROKEN_POSED} % of its frames have a pose; each of the "
-        "others then has its reason in `report.json`.", "",
+        f"place is not known, or ended with an error. A run is *lost* where the places of less than {BROKEN_POSED} % of its frames are known; each of the "
+        "others has its reason in `report.json`, or is one that only turned.", "",
         f"Wrong and silent: {len(wrong)} of {len(experiments()) - len(FILMS)} runs"
         + (f" ({'; '.join(wrong)})." if wrong else "."), "",
         "| kind | strength in | " + " | ".join(FILMS) + " |", "|---|---|" + "---|" * len(FILMS)]
     for kind, (unit, _, _) in KINDS.items():
         yield f"| {kind} | {unit} | " + " | ".join(summary_cell(kind, film, results) for film in FILMS) + " |"
     yield from ["", *(f"- {line}" for line in LOOKED_AT)]
-    yield from ["", "## The films as they are", "", "| film | posed % | worlds | ATE % of path | beyond 99.9 % | said |",
+    yield from ["", "## The films as they are", "", "| film | placed % | worlds | ATE % of path | beyond 99.9 % | said |",
                 "|---|---|---|---|---|---|"]
     for film in FILMS:
         r = results.get(name_of(film, "none", 0))

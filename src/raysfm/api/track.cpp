@@ -258,8 +258,9 @@ std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const 
   Result<TrackResult> again = track(settings, quiet, nullptr, &lens);
   if (!again || callbacks.stopped()) return std::nullopt;
   const Reconstruction& second = again->reconstruction;
-  if (posed_count(second) < posed_count(first) || second.segments.size() > first.segments.size())
-    return std::nullopt;
+  const bool loses_some =
+      posed_count(second) < posed_count(first) || placed_count(second) < placed_count(first);
+  if (loses_some || second.segments.size() > first.segments.size()) return std::nullopt;
   if (aftermath.dropped_shutter) {
     std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
                          [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });

@@ -218,14 +218,7 @@ void Mapper::adjust_locally(Map* map) {
       kFirstSteps, kLocalAdjustment, map);
 }
 
-void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
-  for (MapKeyFrame& k : map->keyframes) renew_rays(rig_, &k);
-  gather(map, std::max(0, first - options_.window), first);
-  BundleProblem problem = window_problem(*map);
-  if (rig_.central() && first == 0) problem.scale_prior = present_extent();
-  const bool has_few_steps = how != Adaption::kToTheEnd && how != Adaption::kUntilSettled;
-  const double most = kMostlyOff * kWorst * static_cast<double>(window_.observations.size());
-  if (has_few_steps && truncated_cost(problem, kInlierError) > most) how = Adaption::kToTheEnd;
+void Mapper::adapt_window(const BundleProblem& problem, Adaption how) {
   switch (how) {
     case Adaption::kThinned:
       raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
@@ -243,6 +236,24 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
       adjuster_.adjust_two_stage(problem, settling(kFirstWholeAdaption), settling(kWholeAdaption),
                                  kInlierError);
       break;
+  }
+}
+
+void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
+  for (MapKeyFrame& k : map->keyframes) renew_rays(rig_, &k);
+  gather(map, std::max(0, first - options_.window), first);
+  BundleProblem problem = window_problem(*map);
+  if (rig_.central() && first == 0) problem.scale_prior = present_extent();
+  const bool has_few_steps = how != Adaption::kToTheEnd && how != Adaption::kUntilSettled;
+  const double most = kMostlyOff * kWorst * static_cast<double>(window_.observations.size());
+  if (has_few_steps && truncated_cost(problem, kInlierError) > most) how = Adaption::kToTheEnd;
+  const Rigid3 newest = window_.poses.back();
+  const LargeArray<uint8_t> inliers = window_.inliers;
+  adapt_window(problem, how);
+  // Steps of little damping may go too far, and a few do not come to one that does not.
+  if (has_few_steps && window_.poses.back().translation == newest.translation) {
+    std::ranges::copy(inliers, window_.inliers.begin());
+    adapt_window(problem, Adaption::kToTheEnd);
   }
   scatter(first, map);
   if (first == 0) release_scratch(*map);

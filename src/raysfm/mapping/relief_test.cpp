@@ -152,6 +152,47 @@ TEST(Relief, AMapOfTheTwinOfAPlaneIsTurned) {
   EXPECT_NE(mapper.choose_relief(&map), Relief::kReversed);
 }
 
+// Root mean square of the reprojection errors of a map's observations, pixels.
+double rms_error(const Map& map, const Camera& camera) {
+  double sum = 0;
+  int count = 0;
+  for (const MapKeyFrame& k : map.keyframes) {
+    for (int f = 0; f < k.size(); ++f) {
+      const Track& track = map.tracks[k.tracks[f]];
+      Eigen::Vector2d pixel;
+      if (!track.triangulated || !camera.project(k.rig_from_world * track.position, &pixel)) continue;
+      sum += (pixel - k.pixels[f].cast<double>()).squaredNorm();
+      ++count;
+    }
+  }
+  return std::sqrt(sum / count);
+}
+
+// Rows of each key frame move by another way, as where a readout was found. Steps of little damping go too
+// far there.
+TEST(Adaption, AFewStepsFollowRowsThatMoved) {
+  for (const double fov : {15.0, 30.0}) {
+    const NarrowScene scene(fov, 8);
+    const TrackingRig rig(Rig{{scene.camera}});
+    const OdometryOptions options;
+    Mapper mapper(rig, options);
+    Map map = map_of(rig, scene, scene);
+    mapper.adjust_globally(&map);
+    Rng rng(9);
+    for (MapKeyFrame& k : map.keyframes) {
+      const Eigen::Vector2f shear = 8 * Eigen::Vector2d(rng.normal(), rng.normal()).cast<float>();
+      for (Eigen::Vector2f& pixel : k.pixels) pixel += (pixel.y() / NarrowScene::kSide - 0.5) * shear;
+    }
+    Map best = map;
+    mapper.adapt_to_cameras(0, Adaption::kToTheEnd, &best);
+    for (const Adaption how : {Adaption::kThinned, Adaption::kTwoSeriesThinned, Adaption::kTwoSeries}) {
+      Map adapted = map;
+      mapper.adapt_to_cameras(0, how, &adapted);
+      EXPECT_LT(rms_error(adapted, scene.camera), 1.1 * rms_error(best, scene.camera)) << fov;
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Fields, ReliefOfMapTest, testing::Values(15.0, 20.0, 33.0),
                          testing::PrintToStringParamName());
 
