@@ -26,8 +26,8 @@ constexpr int kMostTracked = 900;
 constexpr int kMostRuns = 5;  // from a guess, each from where the one before it ended
 // By how much the two may end apart, or more by so many standard deviations of their difference; and from
 // where their last runs began, as a part of the focal length: from far off both may stop at the same place
-// half-way. And what must have a pose.
-constexpr double kAgree = 0.03, kSigmas = 2, kMostApart = 0.1, kStays = 0.1, kMostlyPosed = 0.5;
+// half-way. And what must have a place.
+constexpr double kAgree = 0.03, kSigmas = 2, kMostApart = 0.1, kStays = 0.1, kMostlyPlaced = 0.5;
 // Standard deviation of a focal length from a stretch, as a part of it, beyond which it says nothing; and by
 // how much the map made from there may end apart.
 constexpr double kMostVague = 0.2, kNear = 0.1;
@@ -78,7 +78,7 @@ std::optional<ToldByMap> refined_guess(const TrackSettings& settings, const Trac
   const Reconstruction& r = run->reconstruction;
   const auto focal = std::ranges::find(r.calibration, "fx", &CalibrationNumber::name);
   if (focal == r.calibration.end() || !focal->told) return std::nullopt;
-  if (posed_count(r) < kMostlyPosed * static_cast<double>(r.frames.size())) return std::nullopt;
+  if (placed_count(r) < kMostlyPlaced * static_cast<double>(r.frames.size())) return std::nullopt;
   FoundLens lens{Rig{{r.rig.cameras[0]}}, {}, {}};
   lens.rig.cameras[0].shutter = {};
   lens.origin = {.source = "footage",

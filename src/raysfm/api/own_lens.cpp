@@ -103,7 +103,7 @@ class OwnLensSearch {
   // Whether the result takes the place of that with the camera file: it explains what that did not.
   bool is_good(const TrackResult& own) const {
     const Reconstruction& r = own.reconstruction;
-    if (!reaches_enough(own, posed_count(tracked_.reconstruction))) return false;
+    if (!reaches_enough(own, tracked_.reconstruction)) return false;
     const std::vector<CameraFit> fits = fits_of_cameras(r, TrackingRig(r.rig));
     for (const CalibrationNumber& n : r.calibration) {
       if (n.name == "fx" && !n.told && fits[n.camera].is_bad) return false;
@@ -133,8 +133,8 @@ class OwnLensSearch {
     is_confirmed_ = true;
     Result<TrackResult> result = track(settings_, quiet_, nullptr, &own);
     const bool is_misfit = doubts_[0].by == LensDoubt::By::kMisfit;
-    const bool counts = result && reaches_enough(*result, posed_count(tracked_.reconstruction)) &&
-                        (!is_misfit || is_good(*result));
+    const bool counts =
+        result && reaches_enough(*result, tracked_.reconstruction) && (!is_misfit || is_good(*result));
     return counts ? std::optional(*std::move(result)) : std::nullopt;
   }
 

@@ -360,8 +360,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
         sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
     if (!zoom.empty() && may_be_solved) solved = solved_zoom(settings, callbacks);
   }
-  if (solved && (!scans || is_beyond_shutters(*solved)) &&
-      reaches_enough(*solved, posed_count(tracked->reconstruction))) {
+  if (solved && (!scans || is_beyond_shutters(*solved)) && reaches_enough(*solved, tracked->reconstruction)) {
     return solved_instead();
   }
   if (!change && scans) zoom.clear();

@@ -144,8 +144,10 @@ bool is_beyond_shutters(const TrackResult& solved) {
   return solved.report.lens->gain == 0 || solved.report.lens->spread > kBeyondShutters;
 }
 
-bool reaches_enough(const TrackResult& solved, int posed) {
-  return posed_count(solved.reconstruction) >= kEnough * posed;
+bool reaches_enough(const TrackResult& solved, const Reconstruction& tracked) {
+  const Reconstruction& r = solved.reconstruction;
+  return posed_count(r) >= kEnough * posed_count(tracked) &&
+         placed_count(r) >= kEnough * placed_count(tracked);
 }
 
 std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks) {

@@ -27,8 +27,8 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
 // Whether focal lengths change by more than a rolling shutter that nobody knows of makes them seem to.
 bool is_beyond_shutters(const TrackResult& solved);
 
-// Whether the result with a lens for each image is to be preferred to one with one lens of so many frames
-// with a pose: those that are missing are few.
-bool reaches_enough(const TrackResult& solved, int posed);
+// Whether a result with other lenses may take the place of one that was tracked: of the frames that have a
+// pose there, and of those whose place is known, those that are missing are few.
+bool reaches_enough(const TrackResult& solved, const Reconstruction& tracked);
 
 }  // namespace raysfm
