@@ -131,6 +131,8 @@ class Mapper {
   void adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second, Map* map);
   void release_scratch(const Map& map);
 
+  static const BundleOptions kAdjustment;  // until it converges
+
   const TrackingRig& rig_;
   const OdometryOptions& options_;
   GuidedMatcher matcher_;

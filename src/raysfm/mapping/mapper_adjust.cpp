@@ -13,7 +13,6 @@ namespace raysfm {
 namespace {
 
 constexpr RobustLoss kLoss{RobustLoss::Kind::kHuber, 1.0};
-const BundleOptions kAdjustment{.loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-4};
 // A window is near its minimum: two steps tell the outliers, and the second stage goes on from there. One
 // step does for accuracy but loses more of fr1-rpy; to end at a decrease of 1e-3 costs kitti00-small 5 %.
 const BundleOptions kFirstSteps{.loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-4};
@@ -74,6 +73,8 @@ double noise_of(const BundleProblem& problem) {
 }
 
 }  // namespace
+
+const BundleOptions Mapper::kAdjustment{.loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-4};
 
 // The newest key frames from `first_observed`, and older ones that see many of the window's points: a place
 // seen again ties the window to where it was first.

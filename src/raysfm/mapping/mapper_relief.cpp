@@ -10,8 +10,6 @@
 namespace raysfm {
 namespace {
 
-constexpr RobustLoss kRivalLoss{RobustLoss::Kind::kHuber, 1.0};
-const BundleOptions kRivalAdjustment{.loss = kRivalLoss, .max_iterations = 50, .min_relative_decrease = 1e-4};
 // Part of what the worst inliers cost that a rival costs at most before it is adjusted: where a lens is wide,
 // that inside out costs more, and where there is no plane, the twin. And what it costs at most where it is
 // taken, and at least where it is not asked for again, in parts of what the map costs.
@@ -41,7 +39,7 @@ double Mapper::weigh_rival(Rival rival, const Map& map) {
   const double as_it_is = truncated_cost(problem, kInlierError);
   double cost = INFINITY;
   if (take_rival(rival) && truncated_cost(problem, kInlierError) < kMostUnadjusted * worst) {
-    adjuster_.adjust_two_stage(problem, kRivalAdjustment, kRivalAdjustment, kInlierError);
+    adjuster_.adjust_two_stage(problem, kAdjustment, kAdjustment, kInlierError);
     cost = truncated_cost(problem, kInlierError);
   }
   if (!(cost < kClearlyBetter * as_it_is)) {

@@ -66,21 +66,26 @@ double worst_rotation(const Map& map, const NarrowScene& truth) {
   return worst;
 }
 
+// Holds the map of a scene that is believed to be its rival against that scene.
+void expect_turned(const NarrowScene& scene, const NarrowScene& rival) {
+  const TrackingRig rig(Rig{{scene.camera}});
+  const OdometryOptions options;
+  Mapper mapper(rig, options);
+  Map map = map_of(rig, scene, rival);
+  mapper.adjust_globally(&map);
+  ASSERT_GT(worst_rotation(map, scene), 0.05) << "adjusting is enough";
+  EXPECT_EQ(mapper.choose_relief(&map), Relief::kReversed);
+  EXPECT_LT(worst_rotation(map, scene), 0.01);
+  EXPECT_NE(mapper.choose_relief(&map), Relief::kReversed);
+}
+
 class ReliefOfMapTest : public testing::TestWithParam<double> {};
 
 TEST_P(ReliefOfMapTest, AMapInsideOutIsTurned) {
   const NarrowScene scene(GetParam());
   NarrowScene reversed = scene;
   reversed.reverse();
-  const TrackingRig rig(Rig{{scene.camera}});
-  const OdometryOptions options;
-  Mapper mapper(rig, options);
-  Map map = map_of(rig, scene, reversed);
-  mapper.adjust_globally(&map);
-  ASSERT_GT(worst_rotation(map, scene), 0.05) << "adjusting is enough";
-  EXPECT_EQ(mapper.choose_relief(&map), Relief::kReversed);
-  EXPECT_LT(worst_rotation(map, scene), 0.01);
-  EXPECT_NE(mapper.choose_relief(&map), Relief::kReversed);
+  expect_turned(scene, reversed);
 }
 
 TEST_P(ReliefOfMapTest, TheRightMapStays) {
@@ -141,15 +146,7 @@ TEST(Relief, AMapOfTheTwinOfAPlaneIsTurned) {
   const NarrowScene scene = poster();
   NarrowScene twin = scene;
   ASSERT_TRUE(take_planar_twin(twin.cam_from_world, twin.points));
-  const TrackingRig rig(Rig{{scene.camera}});
-  const OdometryOptions options;
-  Mapper mapper(rig, options);
-  Map map = map_of(rig, scene, twin);
-  mapper.adjust_globally(&map);
-  ASSERT_GT(worst_rotation(map, scene), 0.05) << "adjusting is enough";
-  EXPECT_EQ(mapper.choose_relief(&map), Relief::kReversed);
-  EXPECT_LT(worst_rotation(map, scene), 0.01);
-  EXPECT_NE(mapper.choose_relief(&map), Relief::kReversed);
+  expect_turned(scene, twin);
 }
 
 // Root mean square of the reprojection errors of a map's observations, pixels.
