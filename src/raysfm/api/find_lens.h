@@ -8,6 +8,7 @@
 #include "raysfm/calibration/rig_parameters.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/uncalibrated/reconstruct.h"
+#include "raysfm/zoom/unzoomed_source.h"
 
 namespace raysfm {
 
@@ -19,6 +20,7 @@ struct FoundLens {
   bool told_apart = false;  // a perspective lens and one of another model were compared
   bool is_guess = false;    // only what its map says of it is asked for
   bool is_aside = false;    // its optical axis is farther from the middle of the images than is believed
+  UndoneZoom zoom = {};     // the camera of `rig` is that of its canvas
 
   const Camera& camera() const { return rig.cameras[0]; }
 };

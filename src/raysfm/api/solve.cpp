@@ -10,6 +10,7 @@
 #include "raysfm/api/find_lens.h"
 #include "raysfm/api/solve_by_tracking.h"
 #include "raysfm/api/solve_result.h"
+#include "raysfm/api/zoom_by_tracking.h"
 #include "raysfm/core/memory.h"
 #include "raysfm/core/timer.h"
 #include "raysfm/ray_lenses/ray_reconstruction.h"
@@ -201,6 +202,9 @@ Result<SolveResult> solve(const SolveSettings& settings, const SolveCallbacks& c
   const auto others = worlds_left_out(*input, *found, settings, callbacks);
   SolveResult result =
       tracked ? *std::move(tracked) : solve_result(*input, *std::move(found), others, settings, interrupted);
+  if (is_video(settings, *input) && result.report.lens->zooming && !callbacks.stopped()) {
+    if (auto better = tracked_through_zoom(result, settings, callbacks)) result = *std::move(better);
+  }
   warn(callbacks.event, &result);
   set_times(start, read_s, &result);
   return result;

@@ -17,20 +17,6 @@ constexpr double kWorthIt = 1.1;      // times the frames with a pose
 constexpr double kUsableFocal = 0.1;  // standard deviation of a focal length to track with, as a part of it
 constexpr int kLeastFeatures = 50;    // that can be tracked
 
-TrackSettings settings_of_tracking(const SolveSettings& settings) {
-  TrackSettings tracking;
-  tracking.inputs = {settings.input};
-  tracking.fps = settings.fps;
-  tracking.range = settings.range;
-  tracking.mono = true;
-  tracking.threads = settings.threads;
-  tracking.refine_lens = "off";  // the adjustment of all that tells it has found it
-  tracking.rolling_shutter = "none";
-  tracking.odometry.features = std::max(kLeastFeatures, settings.features);
-  tracking.odometry.seed = settings.seed;
-  return tracking;
-}
-
 // The lens of all frames, and what solve_result() says of it.
 SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
   SolveResult result{std::move(tracked.reconstruction), std::move(tracked.report)};
@@ -50,6 +36,20 @@ SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
 }
 
 }  // namespace
+
+TrackSettings settings_of_tracking(const SolveSettings& settings) {
+  TrackSettings tracking;
+  tracking.inputs = {settings.input};
+  tracking.fps = settings.fps;
+  tracking.range = settings.range;
+  tracking.mono = true;
+  tracking.threads = settings.threads;
+  tracking.refine_lens = "off";  // the adjustment of all that tells it has found it
+  tracking.rolling_shutter = "none";
+  tracking.odometry.features = std::max(kLeastFeatures, settings.features);
+  tracking.odometry.seed = settings.seed;
+  return tracking;
+}
 
 Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,
                                                      const UncalibratedReconstruction& found,

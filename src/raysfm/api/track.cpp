@@ -27,8 +27,6 @@ namespace {
 
 // Frames per second of footage that nobody told a rate of.
 constexpr double kUsualRate = 30;
-// Key frames of footage that is too short for the tracker to measure a zoom by the way.
-constexpr int kShort = 40;
 // The newest key frames, which are asked for the lens where the map does not tell it.
 constexpr int kDoubtful = 16;
 
@@ -247,6 +245,7 @@ std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const 
   // What a file says of a lens stands; what was found as if no shutter rolled does not.
   const Rig& rig = sources.lens_is_given() ? sources.rig : first.rig;
   FoundLens lens{rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
+  lens.zoom = sources.undone_zoom;
   if (aftermath.dropped_shutter) lens.prior.readout = 0;
   for (size_t c = 0; c < lens.rig.cameras.size(); ++c)
     lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;
@@ -296,6 +295,30 @@ std::optional<TrackResult> with_own_lens(const TrackSettings& given, const Track
   return std::nullopt;
 }
 
+// The footage with a lens for each image, where the camera seems to zoom and that is better. Else what there
+// is to say of it is said in `tracked`.
+std::optional<TrackResult> with_zoom(const TrackSettings& given, const TrackCallbacks& callbacks,
+                                     Sources* sources, const std::optional<SeenZoom>& change,
+                                     TrackResult* tracked) {
+  const Reconstruction& r = tracked->reconstruction;
+  if (r.rig.cameras.size() != 1) return std::nullopt;
+  // A rolling shutter bends the images of a moving camera as a zoom does.
+  const bool scans = r.rig.cameras[0].shutter.readout > 0;
+  std::string zoom = scans ? "" : sources->zoom.warning;
+  if (change) zoom = zoom_warning(*change);
+  const bool may_be_another = sources->input.layout != "device" && can_have_lenses(given);
+  const bool is_short = can_be_solved(given, static_cast<double>(r.keyframes.size()));
+  const bool is_asked = may_be_another && is_short && (sources->zoom.may_be || sources->lens_is_given());
+  if (zoom.empty() && is_asked && !callbacks.stopped()) zoom = zoom_warning(zoom_in_map(r));
+  std::optional<TrackResult> better;
+  if (!zoom.empty() && may_be_another && !callbacks.stopped())
+    better = better_by_zoom(given, callbacks, *tracked, is_short && sources->zoom.may_be_solved);
+  if (better || (scans && !change)) return better;
+  tell(callbacks.event, Event::Level::kWarning, zoom);
+  if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
+  return std::nullopt;
+}
+
 }  // namespace
 
 Report tracker_report(const TrackSettings& settings, const Tracker& tracker) {
@@ -332,40 +355,24 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
     return result;
   };
   const auto solved_instead = [&] {
-    tell(callbacks.event, Event::Level::kWarning, solved->report.warnings[0]);
+    warn_first(callbacks, zoom_range(*solved), &*solved);
     return with_costs(*std::move(solved));
   };
   if (solved) return solved_instead();
   Aftermath aftermath;
   Result<TrackResult> tracked = track_cameras(settings, callbacks, watcher, &*maps, &*sources, &aftermath);
   if (!tracked || (found && found->is_guess)) return tracked;
-  if (!aftermath.doubts.empty() && !callbacks.stopped()) {
-    auto better = with_own_lens(given, callbacks, *sources, aftermath.doubts, &*tracked);
-    if (better) return with_costs(*std::move(better));
-  }
-  if (auto again = with_known_shutter(given, callbacks, *sources, aftermath, *tracked))
+  std::optional<TrackResult> own;
+  if (!aftermath.doubts.empty() && !callbacks.stopped())
+    own = with_own_lens(given, callbacks, *sources, aftermath.doubts, &*tracked);
+  if (own) {
+    tracked = *std::move(own);
+    aftermath.zoom.reset();  // of the other lens
+  } else if (auto again = with_known_shutter(given, callbacks, *sources, aftermath, *tracked)) {
     tracked = *std::move(again);
-  const std::optional<SeenZoom>& change = aftermath.zoom;
-  // A rolling shutter bends the images of a moving camera as a zoom does.
-  const bool scans = tracked->reconstruction.rig.cameras[0].shutter.readout > 0;
-  std::string& zoom = sources->zoom.warning;
-  if (scans) zoom.clear();
-  if (change) zoom = zoom_warning(*change);
-  const Reconstruction& r = tracked->reconstruction;
-  const bool is_short =
-      sources->lens_is_given() && r.rig.cameras.size() == 1 && std::ssize(r.keyframes) < kShort;
-  if ((sources->zoom.may_be || is_short) && !callbacks.stopped()) {
-    if (zoom.empty()) zoom = zoom_warning(zoom_in_map(r));
-    const bool may_be_solved =
-        sources->zoom.may_be_solved && can_be_solved(settings, std::ssize(r.keyframes));
-    if (!zoom.empty() && may_be_solved) solved = solved_zoom(settings, callbacks);
   }
-  if (solved && (!scans || is_beyond_shutters(*solved)) && reaches_enough(*solved, tracked->reconstruction)) {
-    return solved_instead();
-  }
-  if (!change && scans) zoom.clear();
-  tell(callbacks.event, Event::Level::kWarning, zoom);
-  if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
+  if (!found) solved = with_zoom(given, callbacks, &*sources, aftermath.zoom, &*tracked);
+  if (solved) return solved_instead();
   return with_costs(*std::move(tracked));
 }
 

@@ -64,13 +64,15 @@ Result<Sources> sources_with_lens(const TrackSettings& settings, const FoundLens
   Result<Input> input = open_inputs(settings, true);
   if (!input) return input.error();
   if (lens.rig.cameras.size() == 1) input->streams.resize(1);
+  if (lens.zoom.any()) input->streams[0] = unzoomed(std::move(input->streams[0]), lens.zoom);
   return Sources{*std::move(input),
                  lens.rig,
                  {},
                  lens.origin,
                  lens.prior,
                  0,
-                 lens.origin.source == "footage" && !lens.told_apart};
+                 lens.origin.source == "footage" && !lens.told_apart,
+                 lens.zoom};
 }
 
 // Cameras that no file tells: the input is read for them, and opened again.
@@ -91,6 +93,7 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
          fmt::format("frames {} to {} look as if the camera zoomed: a lens is looked for for each image",
                      stretch.first_frame, stretch.last_frame));
     solved = solved_zoom(settings, callbacks);
+    if (solved && !is_clear_zoom(*solved)) solved.reset();
   }
   if (!lens && !solved) return lens.error();
   Result<Sources> sources = lens ? sources_with_lens(settings, *lens) : Sources();

@@ -9,6 +9,7 @@
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/image/image.h"
 #include "raysfm/saved_map/saved_map.h"
+#include "raysfm/zoom/unzoomed_source.h"
 
 namespace raysfm {
 
@@ -21,6 +22,7 @@ struct Sources {
   CalibrationPrior prior;
   double find_ms = 0;           // that finding the lens took
   bool may_be_fisheye = false;  // nothing tells whether the lens that was found is none
+  UndoneZoom undone_zoom = {};  // of the one stream
   // Of a lens that no file told.
   struct {
     bool may_be = false, may_be_solved = false;  // asked of the map; and solve() then

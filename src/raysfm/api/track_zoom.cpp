@@ -12,80 +12,32 @@
 #include <vector>
 
 #include "raysfm/api/solve.h"
+#include "raysfm/api/zoom_by_tracking.h"
+#include "raysfm/core/median.h"
 #include "raysfm/lenses/point_tracks.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/uncalibrated/video_reconstruct.h"
+#include "raysfm/zoom/map_stretch.h"
 
 namespace raysfm {
 namespace {
 
 constexpr double kMostKeyframes = 200;
 constexpr double kEnough = 0.7;  // of the frames that one lens poses
-// By how much a lens for each image must lower the rms, and the focal length change. Zooms by 1.1 and 1.2 of
-// filmed footage lower the rms by less than 7 %, and then errors that are alike along tracks may bend the
-// lenses more than one lens bends the path. A rolling shutter lowers it by a third, with focal lengths 2.3 %
-// apart.
+// By how much a lens for each image must lower the rms, and the focal length change, where no map of one lens
+// is there to be better. Zooms by 1.1 and 1.2 of filmed footage lower the rms by less than 7 %, and then
+// errors that are alike along tracks may bend the lenses more than one lens bends the path.
 constexpr double kLeastGain = 1.1, kLeastSpread = 0.03;
-constexpr double kBeyondShutters = 0.1;  // 33 ms of a walking camera: 0.05
-// Of a stretch of a map whose shutter rolls: what its velocities leave lowered the rms by 12 % where a camera
-// turned on the spot; of eleven films whose focal lengths change by as much zooms did by 36 % at least.
-constexpr double kGainBeyondShutters = 1.2;
+// By how many of their standard deviations the focal lengths of a video that was tracked with the zoom undone
+// must change, and by kLeastSpread.
+constexpr double kSurelyChanges = 3;
 // Longest focal length over the shortest: no camera zooms farther in a film, and a hand that turned far on
 // the spot before a rolling shutter was solved with 30 to 9188 pixels.
 constexpr double kMostZoom = 30;
 // Key frames of a map that are looked at together, from one such stretch to the next, and at least.
 constexpr size_t kWindow = 40, kStep = 20, kLeastWindow = 10;
 constexpr size_t kMostPoints = 600;  // the longest tracks of a stretch
-constexpr int kLeastSeen = 3;        // key frames that see a point
-
-// Key frames in a row, and what they see of the points that most of them see, as the lens without its
-// distortion would show it.
-struct MapStretch {
-  PointTracks tracks;
-  UncalibratedReconstruction found;
-};
-
-std::vector<int> points_seen_most(const Reconstruction& r, std::span<const KeyFrame> keyframes) {
-  std::vector<int> seen(r.points.size(), 0), points;
-  for (const KeyFrame& k : keyframes) {
-    for (int o = k.first_observation; o < k.last_observation; ++o) ++seen[r.observations[o].point];
-  }
-  for (size_t i = 0; i < seen.size(); ++i) {
-    if (seen[i] >= kLeastSeen) points.push_back(static_cast<int>(i));
-  }
-  std::ranges::stable_sort(points, std::greater(), [&](int i) { return seen[i]; });
-  if (points.size() > kMostPoints) points.resize(kMostPoints);
-  return points;
-}
-
-MapStretch stretch_of(const Reconstruction& r, const Lens& lens, std::span<const KeyFrame> keyframes) {
-  const Camera& camera = r.rig.cameras[0];
-  MapStretch s;
-  s.tracks.image_size = {camera.width, camera.height};
-  s.tracks.image_count = static_cast<int>(keyframes.size());
-  std::vector<int> number(r.points.size(), -1);
-  for (const int i : points_seen_most(r, keyframes)) {
-    number[i] = s.tracks.point_count++;
-    s.found.scene.points.push_back(r.points[i].position);
-  }
-  for (int j = 0; j < s.tracks.image_count; ++j) {
-    const KeyFrame& k = keyframes[j];
-    s.found.scene.cam_from_world.push_back(r.frames[k.frame].world_from_rig->inverse());
-    for (int o = k.first_observation; o < k.last_observation; ++o) {
-      const int point = number[r.observations[o].point];
-      Ray ray;
-      if (point < 0 || !camera.ray(r.observations[o].pixel, &ray) || !(ray.direction.z() > 0)) continue;
-      const Eigen::Vector2d ideal = ray.direction.hnormalized();
-      s.tracks.add(j, point, {lens.fx * ideal.x() + lens.cx, lens.fy * ideal.y() + lens.cy});
-    }
-  }
-  s.found.scene.lenses.assign(keyframes.size(), lens);
-  s.found.image_posed.assign(keyframes.size(), 1);
-  s.found.point_placed.assign(s.tracks.point_count, 1);
-  s.found.inlier.assign(s.tracks.size(), 1);
-  return s;
-}
 
 struct FocalRange {
   double least = std::numeric_limits<double>::infinity(), most = 0;
@@ -100,11 +52,28 @@ FocalRange focal_range(const Reconstruction& r) {
   return range;
 }
 
+// Whether the focal lengths change by more than they are uncertain.
+bool surely_changes(const Reconstruction& r) {
+  std::vector<double> logs, sigmas;
+  for (const FrameLens& lens : r.lenses) {
+    const double focal = lens_of(lens)->fx;
+    logs.push_back(std::log(focal));
+    sigmas.push_back(lens.sigma[0] / focal);
+  }
+  double mean = 0, square = 0;
+  for (const double l : logs) mean += l / static_cast<double>(logs.size());
+  for (const double l : logs) square += std::pow(l - mean, 2) / static_cast<double>(logs.size());
+  return std::sqrt(square) > std::max(kLeastSpread, kSurelyChanges * median_of(&sigmas));
+}
+
 }  // namespace
 
+bool can_have_lenses(const TrackSettings& settings) {
+  return settings.inputs.size() == 1 && settings.map.empty() && settings.save_map.empty();
+}
+
 bool can_be_solved(const TrackSettings& settings, double keyframes) {
-  return keyframes <= kMostKeyframes && settings.inputs.size() == 1 && settings.map.empty() &&
-         settings.save_map.empty();
+  return keyframes <= kMostKeyframes && can_have_lenses(settings);
 }
 
 std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
@@ -113,17 +82,13 @@ std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
   const std::optional<Lens> lens = lens_of(of_all);
   if (!lens) return std::nullopt;
   const bool scans = of_all.camera.shutter.readout > 0;
-  std::vector<std::vector<KeyFrame>> of_world(r.segments.size());
-  for (const KeyFrame& k : r.keyframes) of_world[r.frames[k.frame].segment].push_back(k);
-  for (const std::vector<KeyFrame>& keyframes : of_world) {
+  for (const std::vector<KeyFrame>& keyframes : keyframes_by_world(r)) {
     for (size_t first = 0; first + kLeastWindow <= keyframes.size(); first += kStep) {
       const size_t count = std::min(kWindow, keyframes.size() - first);
-      const MapStretch s = stretch_of(r, *lens, std::span(keyframes).subspan(first, count));
+      const MapStretch s = stretch_of(r, *lens, std::span(keyframes).subspan(first, count), kMostPoints);
       const ZoomSigns signs = signs_of_zoom(s.tracks, std::vector<uint8_t>(s.tracks.image_count, 1), {},
                                             ErrorRelation::kAlongTracks, s.found);
-      const bool may_be_shutter =
-          scans && (signs.spread <= kBeyondShutters || signs.gain <= kGainBeyondShutters);
-      if (signs.zooms && !may_be_shutter) {
+      if (signs.zooms && !(scans && signs.spread <= kLeastSpread)) {
         return ZoomedStretch{keyframes[first].frame, keyframes[first + count - 1].frame,
                              static_cast<double>(r.keyframes.size())};
       }
@@ -140,8 +105,9 @@ std::string zoom_warning(const std::optional<ZoomedStretch>& stretch) {
       stretch->first_frame, stretch->last_frame);
 }
 
-bool is_beyond_shutters(const TrackResult& solved) {
-  return solved.report.lens->gain == 0 || solved.report.lens->spread > kBeyondShutters;
+bool is_clear_zoom(const TrackResult& solved) {
+  const LensReport& lens = *solved.report.lens;
+  return lens.gain == 0 || (lens.gain > kLeastGain && lens.spread > kLeastSpread);
 }
 
 bool reaches_enough(const TrackResult& solved, const Reconstruction& tracked) {
@@ -163,19 +129,33 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
   solving.stop = callbacks.stop;
   Result<SolveResult> solved = solve(of_solve, solving);
   if (!solved) return {};
-  const LensReport& lens = *solved->report.lens;
-  const bool is_clear = lens.gain == 0 || (lens.gain > kLeastGain && lens.spread > kLeastSpread);
-  const bool is_sure = lens.zooming && lens.degenerate.empty() && is_clear;
-  if (!is_sure) return {};
+  if (!solved->report.lens->zooming || !solved->report.lens->degenerate.empty()) return {};
   const FocalRange focals = focal_range(solved->reconstruction);
   if (focals.most > kMostZoom * focals.least) return {};
   TrackResult result{std::move(solved->reconstruction), std::move(solved->report)};
   result.report.input = settings.inputs;
-  result.report.warnings.push_back(fmt::format(
-      "the camera zooms, its focal length is {:.0f} to {:.0f} px: this is the result of raysfm solve, with a "
-      "lens for each image",
-      focals.least, focals.most));
   return result;
+}
+
+std::optional<TrackResult> better_by_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks,
+                                          const TrackResult& tracked, bool may_be_solved) {
+  const auto is_better = [&](const std::optional<TrackResult>& other) {
+    return other && other->report.lens->zoom_undone && reaches_enough(*other, tracked.reconstruction) &&
+           surely_changes(other->reconstruction);
+  };
+  std::optional<TrackResult> other;
+  if (may_be_solved) other = solved_zoom(settings, callbacks);
+  if (!is_better(other) && !callbacks.stopped()) other = tracked_through_zoom(tracked, settings, callbacks);
+  return is_better(other) ? std::move(other) : std::nullopt;
+}
+
+std::string zoom_range(const TrackResult& result) {
+  const FocalRange focals = focal_range(result.reconstruction);
+  return fmt::format(
+      "the camera zooms, its focal length is {:.0f} to {:.0f} px: {}, with a lens for each image",
+      focals.least, focals.most,
+      result.report.lens->zoom_undone ? "the video was tracked with the zoom undone"
+                                      : "this is the result of raysfm solve");
 }
 
 }  // namespace raysfm

@@ -84,13 +84,6 @@ TEST(TrackZoom, AMapTellsWhereTheCameraZoomed) {
   EXPECT_EQ(late->keyframes, zoomed.keyframes.size());
 }
 
-TEST(TrackZoom, ASmallZoomMayBeWhatARollingShutterLeaves) {
-  Reconstruction zoomed = make_map(1.1, 46, 54);
-  ASSERT_TRUE(zoom_in_map(zoomed));
-  zoomed.rig.cameras[0].shutter.readout = 0.02;
-  EXPECT_FALSE(zoom_in_map(zoomed));
-}
-
 TEST(TrackZoom, NothingIsSaidOfLensesThatAreNotPerspective) {
   Reconstruction r = make_map(1.1, 46, 54);
   r.rig.cameras[0].model = KannalaBrandt{};

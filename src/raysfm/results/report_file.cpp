@@ -164,6 +164,7 @@ Json exif_json(const std::vector<ExifLens>& lenses) {
 void write_lens(const LensReport& lens, Json* json) {
   (*json)["lens"] = lens.zooming ? "zooming" : "fixed";
   (*json)["lens_evidence"] = lens.evidence;
+  (*json)["zoom_undone"] = lens.zoom_undone;
   (*json)["degenerate"] = lens.degenerate.empty() ? Json() : Json(lens.degenerate);
   (*json)["image_size"] = {lens.width, lens.height};
   if (!lens.exif.empty()) (*json)["exif"] = exif_json(lens.exif);

@@ -42,8 +42,9 @@ struct LensReport {
   std::string degenerate = {};  // empty, or the name of the motion or scene that does not tell the lens
   int width = 0, height = 0;    // of the images; where they differ, the largest of each
   std::vector<ExifLens> exif = {};
-  double gain = 0;    // rms with one lens to that with one for each image; 0: these were not compared
-  double spread = 0;  // standard deviation of the logarithm of the focal length then
+  double gain = 0;           // rms with one lens to that with one for each image; 0: these were not compared
+  double spread = 0;         // standard deviation of the logarithm of the focal length then
+  bool zoom_undone = false;  // the video was tracked with the zoom undone: it made the result
 };
 
 // Where `track` has the lens from.

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "raysfm/frames/frame_source.h"
+
+namespace raysfm {
+
+// A canvas on which all frames of a camera that zooms have one focal length.
+struct UndoneZoom {
+  std::vector<double> focals;  // of each frame as it was taken, pixels, > 0; empty: it does not zoom
+  double focal = 0;            // on the canvas
+  int width = 0, height = 0;   // of the canvas
+
+  bool any() const { return !focals.empty(); }
+  double scale(size_t frame) const {
+    return focal / focals[frame < focals.size() ? frame : focals.size() - 1];
+  }
+};
+
+// The frames of `source` on the canvas (image/canvas.h); the focal length of frames after the last that has
+// one is that of the last. `zoom.any()`.
+std::unique_ptr<FrameSource> unzoomed(std::unique_ptr<FrameSource> source, UndoneZoom zoom);
+
+}  // namespace raysfm
