@@ -31,7 +31,7 @@ constexpr double kEnough = 0.7;  // of the frames that one lens poses
 constexpr double kLeastGain = 1.1, kLeastSpread = 0.03;
 // By how many of their standard deviations the focal lengths of a video that was tracked with the zoom undone
 // must change, and by kLeastSpread.
-constexpr double kSurelyChanges = 3;
+constexpr double kSurelyChanges = 2;
 // Longest focal length over the shortest: no camera zooms farther in a film, and a hand that turned far on
 // the spot before a rolling shutter was solved with 30 to 9188 pixels.
 constexpr double kMostZoom = 30;
