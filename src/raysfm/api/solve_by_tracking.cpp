@@ -27,11 +27,7 @@ SolveResult with_lens(TrackResult tracked, const SolveResult& solved) {
   r.calibration.clear();
   r.lenses = {lens};
   for (PosedFrame& frame : r.frames) frame.lens = frame.world_from_rig ? 0 : -1;
-  result.report.lens = solved.report.lens;
-  result.report.adjustment = solved.report.adjustment;
-  result.report.lens_origin.reset();
-  result.report.stages.insert(result.report.stages.begin(), solved.report.stages.begin(),
-                              solved.report.stages.end());
+  go_on_from(solved.report, &result.report);
   return result;
 }
 
@@ -49,6 +45,13 @@ TrackSettings settings_of_tracking(const SolveSettings& settings) {
   tracking.odometry.features = std::max(kLeastFeatures, settings.features);
   tracking.odometry.seed = settings.seed;
   return tracking;
+}
+
+void go_on_from(const Report& solved, Report* tracked) {
+  tracked->lens = solved.lens;
+  tracked->adjustment = solved.adjustment;
+  tracked->lens_origin.reset();
+  tracked->stages.insert(tracked->stages.begin(), solved.stages.begin(), solved.stages.end());
 }
 
 Result<std::optional<SolveResult>> tracked_with_lens(const SolveInput& input,

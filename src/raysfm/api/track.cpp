@@ -298,21 +298,21 @@ std::optional<TrackResult> with_own_lens(const TrackSettings& given, const Track
 // The footage with a lens for each image, where the camera seems to zoom and that is better. Else what there
 // is to say of it is said in `tracked`.
 std::optional<TrackResult> with_zoom(const TrackSettings& given, const TrackCallbacks& callbacks,
-                                     Sources* sources, const std::optional<SeenZoom>& change,
+                                     const Sources& sources, const std::optional<SeenZoom>& change,
                                      TrackResult* tracked) {
   const Reconstruction& r = tracked->reconstruction;
   if (r.rig.cameras.size() != 1) return std::nullopt;
   // A rolling shutter bends the images of a moving camera as a zoom does.
   const bool scans = r.rig.cameras[0].shutter.readout > 0;
-  std::string zoom = scans ? "" : sources->zoom.warning;
+  std::string zoom = scans ? "" : sources.zoom.warning;
   if (change) zoom = zoom_warning(*change);
-  const bool may_be_another = sources->input.layout != "device" && can_have_lenses(given);
+  const bool may_be_another = sources.input.layout != "device" && can_have_lenses(given);
   const bool is_short = can_be_solved(given, static_cast<double>(r.keyframes.size()));
-  const bool is_asked = may_be_another && is_short && (sources->zoom.may_be || sources->lens_is_given());
+  const bool is_asked = may_be_another && is_short && (sources.zoom.may_be || sources.lens_is_given());
   if (zoom.empty() && is_asked && !callbacks.stopped()) zoom = zoom_warning(zoom_in_map(r));
   std::optional<TrackResult> better;
   if (!zoom.empty() && may_be_another && !callbacks.stopped())
-    better = better_by_zoom(given, callbacks, *tracked, is_short && sources->zoom.may_be_solved);
+    better = better_by_zoom(given, callbacks, *tracked, is_short && sources.zoom.may_be_solved);
   if (better || (scans && !change)) return better;
   tell(callbacks.event, Event::Level::kWarning, zoom);
   if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
@@ -371,7 +371,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   } else if (auto again = with_known_shutter(given, callbacks, *sources, aftermath, *tracked)) {
     tracked = *std::move(again);
   }
-  if (!found) solved = with_zoom(given, callbacks, &*sources, aftermath.zoom, &*tracked);
+  if (!found) solved = with_zoom(given, callbacks, *sources, aftermath.zoom, &*tracked);
   if (solved) return solved_instead();
   return with_costs(*std::move(tracked));
 }

@@ -148,16 +148,13 @@ double common_sigma(const Reconstruction& tracked) {
   return 0;
 }
 
-// The lens of a frame, which is `scale` times as large on the canvas.
-FrameLens lens_of_frame(const Pass& pass, const Eigen::Vector2i& size, size_t frame, double sigma) {
-  const FrameLens canvas = pass.canvas();
+// The lens of a frame of which the canvas has a larger or smaller picture.
+FrameLens lens_of_frame(const FrameLens& canvas, const CanvasPlace& place, const Eigen::Vector2i& size,
+                        double sigma) {
   const Lens on_canvas = *lens_of(canvas);
-  const double scale = pass.zoom.scale(frame);
-  const auto back = [&](double pixel, int canvas_side, int side) {
-    return 0.5 * (side - 1) + (pixel - 0.5 * (canvas_side - 1)) / scale;
-  };
-  const Lens lens{on_canvas.fx / scale, on_canvas.fy / scale, back(on_canvas.cx, pass.zoom.width, size.x()),
-                  back(on_canvas.cy, pass.zoom.height, size.y()), 0};
+  const Lens lens{on_canvas.fx / place.scale, on_canvas.fy / place.scale,
+                  place.back(on_canvas.cx, size.x(), place.width),
+                  place.back(on_canvas.cy, size.y(), place.height), 0};
   FrameLens made = frame_lens(lens, radial_distortion_of(canvas));
   made.camera.width = size.x();
   made.camera.height = size.y();
@@ -165,16 +162,18 @@ FrameLens lens_of_frame(const Pass& pass, const Eigen::Vector2i& size, size_t fr
   return made;
 }
 
-// From the canvas to the images as they were taken.
-void undo_canvas(const Pass& pass, const Eigen::Vector2i& size, Reconstruction* r) {
+// What a pass tracked, from the canvas to the images as they were taken.
+TrackResult off_canvas(Pass pass, const Eigen::Vector2i& size) {
+  const FrameLens canvas = pass.canvas();
+  TrackResult result = std::move(pass.tracked);
+  Reconstruction* r = &result.reconstruction;
   double squares = 0;
   for (const KeyFrame& k : r->keyframes) {
-    const double scale = pass.zoom.scale(k.frame);
+    const CanvasPlace place = pass.zoom.place(k.frame);
     for (int o = k.first_observation; o < k.last_observation; ++o) {
       Eigen::Vector2d& pixel = r->observations[o].pixel;
-      const Eigen::Vector2d middle = 0.5 * Eigen::Vector2d(pass.zoom.width - 1, pass.zoom.height - 1);
-      pixel = 0.5 * (size.cast<double>() - Eigen::Vector2d::Ones()) + (pixel - middle) / scale;
-      squares += 1 / (scale * scale);
+      pixel = {place.back(pixel.x(), size.x(), place.width), place.back(pixel.y(), size.y(), place.height)};
+      squares += 1 / (place.scale * place.scale);
     }
   }
   // As if all images were equally exact on the canvas.
@@ -186,11 +185,19 @@ void undo_canvas(const Pass& pass, const Eigen::Vector2i& size, Reconstruction* 
     if (!r->frames[f].world_from_rig) continue;
     while (measured + 1 != pass.measured.end() && (measured + 1)->frame <= f) ++measured;
     r->frames[f].lens = static_cast<int>(r->lenses.size());
-    r->lenses.push_back(lens_of_frame(pass, size, f, std::hypot(measured->sigma, common)));
+    r->lenses.push_back(lens_of_frame(canvas, pass.zoom.place(f), size, std::hypot(measured->sigma, common)));
   }
   r->origin = Origin::kSolve;
   r->rig = {};
   r->calibration.clear();
+  result.report.lens = {
+      .zooming = true,
+      .evidence = fmt::format("the focal lengths of {} key frames, by the map of all", pass.measured.size()),
+      .width = size.x(),
+      .height = size.y(),
+      .zoom_undone = true};
+  result.report.lens_origin.reset();
+  return result;
 }
 
 std::optional<TrackResult> undone(const ZoomCurve& curve, const CommonLens& common,
@@ -198,16 +205,7 @@ std::optional<TrackResult> undone(const ZoomCurve& curve, const CommonLens& comm
                                   const TrackCallbacks& callbacks) {
   std::optional<Pass> pass = settle(curve, common, size, settings, callbacks);
   if (!pass) return std::nullopt;
-  TrackResult result = pass->tracked;
-  undo_canvas(*pass, size, &result.reconstruction);
-  result.report.lens = {
-      .zooming = true,
-      .evidence = fmt::format("the focal lengths of {} key frames, by the map of all", pass->measured.size()),
-      .width = size.x(),
-      .height = size.y(),
-      .zoom_undone = true};
-  result.report.lens_origin.reset();
-  return result;
+  return off_canvas(*std::move(pass), size);
 }
 
 }  // namespace
@@ -228,12 +226,8 @@ std::optional<SolveResult> tracked_through_zoom(const SolveResult& solved, const
       undone(curve, {}, {camera.width, camera.height}, tracking, callbacks_of_tracking);
   if (!tracked || placed_count(tracked->reconstruction) < placed_count(before)) return std::nullopt;
   SolveResult result{std::move(tracked->reconstruction), std::move(tracked->report)};
-  const LensReport undone_lens = *result.report.lens;
-  result.report.lens = solved.report.lens;
-  result.report.lens->zoom_undone = undone_lens.zoom_undone;
-  result.report.adjustment = solved.report.adjustment;
-  result.report.stages.insert(result.report.stages.begin(), solved.report.stages.begin(),
-                              solved.report.stages.end());
+  go_on_from(solved.report, &result.report);
+  result.report.lens->zoom_undone = true;
   return result;
 }
 

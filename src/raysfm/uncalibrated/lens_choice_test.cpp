@@ -107,8 +107,8 @@ TEST(LensChoice, ChangeInImagesThatGainNothingByItIsNoZoom) {
   EXPECT_GT(chosen->lens_gain, 1.15);     // which was enough
 }
 
-// A camera that zoomed in once and for all, with a few images whose own lenses are absurd: all that gain by a
-// lens of their own have one focal length, and the one lens is that of the others.
+// A camera that zoomed in once and for all: the images that gain have one focal length, and the one lens is
+// that of the others.
 TEST(LensChoice, ImagesThatGainMayAllHaveOneFocalLength) {
   constexpr double kZoomed = 600;
   const Seen seen = look();

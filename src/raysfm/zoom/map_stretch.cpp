@@ -69,8 +69,8 @@ MapStretch stretch_of(const Reconstruction& r, const Lens& lens, std::span<const
   s.tracks.image_size = {camera.width, camera.height};
   s.tracks.image_count = static_cast<int>(keyframes.size());
   std::vector<int> number(r.points.size(), -1);
-  std::vector<int>
-      newest;  // key frame that has seen each point; where tracks were fused, one may see it twice
+  // The last key frame that has seen each point: where tracks were fused, one may see it twice.
+  std::vector<int> newest;
   for (const int i : points_seen_most(r, keyframes, most_points)) {
     number[i] = s.tracks.point_count++;
     s.found.scene.points.push_back(r.points[i].position);

@@ -3,8 +3,6 @@
 #include <string>
 #include <utility>
 
-#include "raysfm/image/canvas.h"
-
 namespace raysfm {
 namespace {
 
@@ -17,7 +15,7 @@ class UnzoomedSource final : public FrameSource {
     Result<std::optional<InputFrame>> frame = source_->next();
     const size_t number = next_++;
     if (!frame || !*frame || (*frame)->gray.empty()) return frame;
-    const CanvasPlace place{zoom_.scale(number), zoom_.width, zoom_.height};
+    const CanvasPlace place = zoom_.place(number);
     (*frame)->colors = on_canvas((*frame)->colors, (*frame)->gray, place);
     (*frame)->gray = on_canvas((*frame)->gray, place);
     return frame;

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
 #include "raysfm/frames/frame_source.h"
+#include "raysfm/image/canvas.h"
 
 namespace raysfm {
 
@@ -14,13 +16,13 @@ struct UndoneZoom {
   int width = 0, height = 0;   // of the canvas
 
   bool any() const { return !focals.empty(); }
-  double scale(size_t frame) const {
-    return focal / focals[frame < focals.size() ? frame : focals.size() - 1];
+  // Of the last frame that has a focal length, of those after it too.
+  CanvasPlace place(size_t frame) const {
+    return {focal / focals[std::min(frame, focals.size() - 1)], width, height};
   }
 };
 
-// The frames of `source` on the canvas (image/canvas.h); the focal length of frames after the last that has
-// one is that of the last. `zoom.any()`.
+// The frames of `source` on the canvas (image/canvas.h). `zoom.any()`.
 std::unique_ptr<FrameSource> unzoomed(std::unique_ptr<FrameSource> source, UndoneZoom zoom);
 
 }  // namespace raysfm

@@ -270,7 +270,7 @@ std::vector<FocalMeasurement> measure_focals(const Reconstruction& tracked, cons
   for (size_t f = 0; f < sums.size(); ++f) {
     const Sum& sum = sums[f];
     if (sum.weight == 0) continue;
-    measured.push_back({static_cast<int>(f), sum.value / sum.weight - std::log(zoom.scale(f)),
+    measured.push_back({static_cast<int>(f), sum.value / sum.weight - std::log(zoom.place(f).scale),
                         std::max(kLeastSigma, sum.sigma / sum.weight)});
   }
   return measured;
