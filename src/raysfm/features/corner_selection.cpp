@@ -25,14 +25,15 @@ int index_of(uint64_t rank) {
 }  // namespace
 
 void CornerSelector::choose_per_cell(const std::vector<Corner>& corners, int width, int height,
-                                     int max_corners, float spread) {
+                                     int max_corners, const CellShares& shares) {
   const double cells_wanted = std::max(1.0, max_corners / static_cast<double>(kCornersPerCell));
   const int side =
       std::max(1, static_cast<int>(std::ceil(std::sqrt(double{1} * width * height / cells_wanted))));
   const int columns = (width + side - 1) / side;
   const int cells = columns * ((height + side - 1) / side);
-  const int quota = static_cast<int>(spread * max_corners) / cells;
-  if (quota == 0) return;
+  const int quota = static_cast<int>(shares.least * max_corners) / cells;
+  const bool is_limited = std::isfinite(shares.most);
+  if (quota == 0 && !is_limited) return;
 
   const auto cell_of = [&](const Corner& c) {
     return static_cast<int>(c.y) / side * columns + static_cast<int>(c.x) / side;
@@ -44,9 +45,29 @@ void CornerSelector::choose_per_cell(const std::vector<Corner>& corners, int wid
   for (int i = 0; i < static_cast<int>(corners.size()); ++i) {
     ranks_[starts_[cell_of(corners[i]) + 1]++] = rank(corners[i], i);
   }
+  const size_t most = is_limited ? most_of_cell(cells, max_corners, shares.most) : corners.size();
   for (int cell = 0; cell < cells; ++cell) {
-    choose_best({ranks_.begin() + starts_[cell], ranks_.begin() + starts_[cell + 1]}, quota);
+    const std::span of_cell(ranks_.begin() + starts_[cell], ranks_.begin() + starts_[cell + 1]);
+    if (of_cell.size() > most) {
+      const auto last = of_cell.begin() + static_cast<std::ptrdiff_t>(most);
+      std::nth_element(of_cell.begin(), last, of_cell.end(), std::greater<>());
+      for (auto i = last; i != of_cell.end(); ++i) crowded_[index_of(*i)] = 1;
+    }
+    choose_best(of_cell, quota);
   }
+}
+
+// So many that all cells together have enough.
+size_t CornerSelector::most_of_cell(int cells, int max_corners, float shares) const {
+  auto most =
+      static_cast<int>(std::ceil(shares * static_cast<float>(max_corners) / static_cast<float>(cells)));
+  const auto together = [&] {
+    int count = 0;
+    for (int cell = 0; cell < cells; ++cell) count += std::min(most, starts_[cell + 1] - starts_[cell]);
+    return count;
+  };
+  while (together() < max_corners) ++most;
+  return most;
 }
 
 // Chooses those of the best that are in a better class than the last of them, classes being scores within an
@@ -76,18 +97,21 @@ void CornerSelector::choose_best(std::span<uint64_t> ranks, size_t count) {
   for (auto i = ranks.begin(); i != last; ++i) chosen_[index_of(*i)] = 1;
 }
 
-void CornerSelector::select(int width, int height, int max_corners, float spread,
+void CornerSelector::select(int width, int height, int max_corners, const CellShares& shares,
                             std::vector<Corner>* corners) {
   const int count = static_cast<int>(corners->size());
   if (count <= max_corners) return;
   chosen_.assign(count, 0);
-  choose_per_cell(*corners, width, height, max_corners, spread);
+  crowded_.assign(count, 0);
+  choose_per_cell(*corners, width, height, max_corners, shares);
 
   ranks_.clear();
+  int chosen = 0;
   for (int i = 0; i < count; ++i) {
-    if (!chosen_[i]) ranks_.push_back(rank((*corners)[i], i));
+    chosen += chosen_[i];
+    if (chosen_[i] == 0 && crowded_[i] == 0) ranks_.push_back(rank((*corners)[i], i));
   }
-  choose_best(ranks_, max_corners - (count - ranks_.size()));
+  choose_best(ranks_, max_corners - chosen);
 
   int kept = 0;
   for (int i = 0; i < count; ++i) {

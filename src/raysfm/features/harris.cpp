@@ -157,7 +157,7 @@ void HarrisDetector::detect(const GrayView& image, const HarrisOptions& options,
              {begin, end, std::max(0, begin - kStripMargin), std::min(image.width, end + kStripMargin)});
   }
   s.sort_corners(image.height);
-  s.selector.select(image.width, image.height, options.max_features, options.spread, &s.corners);
+  s.selector.select(image.width, image.height, options.max_features, options.shares, &s.corners);
   for (const Corner& c : s.corners) {
     features->pixels.push_back(out_of_octave({c.x, c.y}, options.octave));
     features->scores.push_back(c.score);

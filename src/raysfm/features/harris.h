@@ -2,6 +2,7 @@
 
 #include <memory>
 
+#include "raysfm/features/corner_selection.h"
 #include "raysfm/features/features.h"
 #include "raysfm/image/image.h"
 
@@ -14,9 +15,9 @@ struct HarrisOptions {
   // Least response of a feature; M is the mean of the products of gradients in (grey levels / pixel)^2.
   // Weaker maxima are noise of the sensor.
   float min_score = 5.0f;
-  // Smallest part of the features that a cell of the grid may claim, whatever its contrast; the rest goes to
-  // the strongest responses anywhere. In [0, 1].
-  float spread = 0.4f;
+  // Of the features, that a cell of a grid over the image may claim: the rest goes to the strongest responses
+  // anywhere.
+  CellShares shares{};
   int octave = 0;   // of the image (octaves.h); the features are at pixels of octave 0
   GrayView mask{};  // of the size of octave 0: 255 where a pixel sees the scene; empty: everywhere
 };

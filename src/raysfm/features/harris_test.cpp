@@ -166,7 +166,7 @@ TEST(Harris, FaintPartsOfTheImageGetTheirShare) {
   const auto share_of_right_half = [&](float spread) {
     HarrisOptions options;
     options.max_features = 200;
-    options.spread = spread;
+    options.shares.least = spread;
     Features found;
     HarrisDetector().detect(image.view(), options, &found);
     const auto right = [](const Eigen::Vector2f& p) { return p.x() > 165; };

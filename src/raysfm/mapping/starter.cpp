@@ -26,6 +26,12 @@ constexpr double kMinSignificance = 28;
 // where so many spans of views before had no more.
 constexpr double kLeastSignificance = 10, kBeyondFrameMotion = 1.5;
 constexpr int kWeakSpans = 5;
+// The places of the image that count alike, along its longer side.
+constexpr int kPlacesAcross = 12;
+// Of the image: another motion that explains more says that much moves in it.
+constexpr double kCrowdedShare = 0.15;
+// Spans that are tried where no motion explains enough of the longest one, and frames of the shortest.
+constexpr int kNearerSpans = 2, kShortestSpan = 4;
 constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where there are few
 
 // Views after which a rig that moves slowly tries to start before its matches become few, and between tries;
@@ -279,8 +285,23 @@ std::optional<Start> Starter::step(Mapper& mapper) {
   const int third = sharpest_until(std::max(current - 1, second_ + 1), second_);
   if (third > current || !views_[third].view) return std::nullopt;
   auto start = attempt(second_, third, true, mapper);
+  if (!start && disagreed_) start = attempt_nearer(second_, mapper);
   if (!start) restart(second_);
   return start;
+}
+
+// What stands still goes out of sight before what moves along: shorter and shorter spans, which see more of
+// it.
+std::optional<Start> Starter::attempt_nearer(int end, Mapper& mapper) {
+  for (int k = 0; k < kNearerSpans && end - first_ >= kShortestSpan; ++k) {
+    const int middle = kept_near((first_ + end) / 2);
+    const bool all_kept = std::all_of(views_.begin() + end, views_.end(),
+                                      [](const WaitingView& v) { return v.view != nullptr; });
+    if (!all_kept || middle >= end) break;
+    if (auto start = attempt(middle, end, false, mapper); start || !disagreed_) return start;
+    end = middle;
+  }
+  return std::nullopt;
 }
 
 std::optional<Start> Starter::finish(Mapper& mapper) {
@@ -377,9 +398,19 @@ double Starter::median_octave_side(const std::vector<Match>& matches) {
   return median_of(&sides);
 }
 
-GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
+// The part of the image that a match begins in.
+int Starter::place_of(const Match& match) const {
+  const float side = static_cast<float>(rig_.camera(match.camera).longer_side()) / kPlacesAcross;
+  const auto along = [&](float pixel) {
+    return std::clamp(static_cast<int>(pixel / side), 0, kPlacesAcross - 1);
+  };
+  const Eigen::Vector2f& pixel = match.seen[0].pixel;
+  return (match.camera * kPlacesAcross + along(pixel.y())) * kPlacesAcross + along(pixel.x());
+}
+
+FairStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
   std::vector<ObservedRay> rays;
-  std::vector<int> points, views, cameras;
+  std::vector<int> points, views, cameras, places;
   const auto add = [&](int point, int view, int camera, const Eigen::Vector2f& pixel, int octave) {
     ObservedRay ray;
     if (!rig_.observe(camera, pixel, &ray)) return;
@@ -391,6 +422,7 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   };
   for (size_t i = 0; i < matches.size(); ++i) {
     const int point = static_cast<int>(i);
+    places.push_back(place_of(matches[i]));
     for (int v = 0; v < 3; ++v)
       add(point, v, matches[i].camera, matches[i].seen[v].pixel - matches[i].scan_offsets[v],
           matches[i].seen[v].octave);
@@ -403,7 +435,7 @@ GenericStart Starter::estimate(const std::vector<Match>& matches, uint64_t strea
   options.min_inlier_ratio = kMinInlierRatio;
   options.seed = options_.seed;
   options.stream = stream;
-  return start_generic({static_cast<int>(matches.size()), rays, points, views, cameras}, options);
+  return start_fairly({static_cast<int>(matches.size()), rays, points, views, cameras}, places, options);
 }
 
 std::optional<Start> Starter::attempt(int second, int third, bool ends_span, Mapper& mapper) {
@@ -411,7 +443,11 @@ std::optional<Start> Starter::attempt(int second, int third, bool ends_span, Map
   const std::array<int, 3> views = {first_, second, third};
   std::vector<Match> matches = find_matches(views);
   find_across(views_[first_].view, &matches);
-  const GenericStart geometry = estimate(matches, views_[first_].view->random_stream());
+  const FairStart fair = estimate(matches, views_[first_].view->random_stream());
+  const GenericStart& geometry = fair.start;
+  disagreed_ =
+      geometry.problem == StartProblem::kTooFewInliers || geometry.problem == StartProblem::kTwoMotions;
+  is_crowded_ = is_crowded_ || fair.rival_share > kCrowdedShare;
   const std::string frames =
       fmt::format("frames {}, {}, {}", views_[first_].frame, views_[second].frame, views_[third].frame);
   const int count = static_cast<int>(matches.size());

@@ -10,7 +10,7 @@
 #include "raysfm/mapping/mapper.h"
 #include "raysfm/mapping/options.h"
 #include "raysfm/matching/pair_tracker.h"
-#include "raysfm/robust/generic_start.h"
+#include "raysfm/robust/fair_start.h"
 #include "raysfm/scene/reconstruction.h"
 
 namespace raysfm {
@@ -81,11 +81,13 @@ class Starter {
   const std::string& reason() const { return reason_; }
   // Attempts so far.
   int attempts() const { return attempts_; }
+  // Something else moves in much of the image, as far as attempts have seen.
+  bool is_crowded() const { return is_crowded_; }
 
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, views_, tried_at_, first_, second_, next_, from_first_, from_second_, reason_,
-                    last_reason_, most_matches_, attempts_, weak_spans_);
+                    last_reason_, most_matches_, attempts_, weak_spans_, disagreed_, is_crowded_);
   }
 
  private:
@@ -97,6 +99,7 @@ class Starter {
   void release_coarse();
   void release(int view, int same_as);
   std::optional<Start> step(Mapper& mapper);
+  std::optional<Start> attempt_nearer(int end, Mapper& mapper);
   // `ends_span`: later views match less.
   std::optional<Start> attempt(int second, int third, bool ends_span, Mapper& mapper);
   // A corner followed through the three views in one camera, and other cameras that see it in the first.
@@ -118,7 +121,8 @@ class Starter {
   const Eigen::Vector2f* corner_in(int camera, int corner, int view) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
   static double median_octave_side(const std::vector<Match>& matches);
-  GenericStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
+  int place_of(const Match& match) const;
+  FairStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
   std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,
                              const GenericStart& geometry, Mapper& mapper);
   void collect_seen(const std::vector<Match>& match_of_track, Start* start) const;
@@ -143,7 +147,9 @@ class Starter {
   std::string reason_, last_reason_;
   int most_matches_ = 0;
   int attempts_ = 0;
-  int weak_spans_ = 0;  // that ended with a parallax of little significance
+  int weak_spans_ = 0;      // that ended with a parallax of little significance
+  bool disagreed_ = false;  // in the last attempt no motion explained enough
+  bool is_crowded_ = false;
 };
 
 }  // namespace raysfm

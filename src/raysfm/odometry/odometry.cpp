@@ -150,7 +150,10 @@ void Odometry::explain_blindness(const View& view) {
 }
 
 ViewPtr Odometry::detected(const ViewPtr& view) {
-  const ViewPtr with_corners = maker_ ? maker_->detected(view) : view;
+  const bool evenly = view->frame >= evenly_from_;
+  const ViewPtr with_corners = !maker_  ? view
+                               : evenly ? maker_->detected_evenly(view)
+                                        : maker_->detected(view);
   detected_ms_ += with_corners->detect_ms - view->detect_ms;
   if (with_corners->detected() && marks_.watch(*with_corners)) {
     marks_are_new_ = true;

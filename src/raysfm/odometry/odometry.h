@@ -2,6 +2,7 @@
 
 #include <deque>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -229,6 +230,7 @@ class Odometry {
   void repeat(const View& view);
   void tell_posed(int frame);
   ViewPtr detected(const ViewPtr& view);
+  ViewPtr prepared(const ViewPtr& view) const;
   void start_without_marks(const ViewPtr& view);
   void forget_marks();
   void go_through_waiting();
@@ -238,6 +240,7 @@ class Odometry {
   void explain_blindness(const View& view);
   // odometry_start.cpp:
   void start(const ViewPtr& view);
+  std::optional<Start> start_evenly(std::optional<Start> start);
   void begin_segment(Start start, const std::vector<WaitingView>& views);
   void go_on_from(const ViewPtr& view, int keyframe);
   void pose_start_frames(const Start& start, const std::vector<WaitingView>& views);
@@ -374,7 +377,8 @@ class Odometry {
   MapCovariance map_covariance_;
   MotionWatch motion_watch_;
   FixedMarks marks_;
-  bool marks_are_new_ = false;  // during the present frame
+  bool marks_are_new_ = false;                         // during the present frame
+  int evenly_from_ = std::numeric_limits<int>::max();  // frame from which on corners are spread evenly
   std::optional<Starter> starter_;
   TurnTracker turner_;  // while track is lost, or does not begin
   EarlyTurn early_turn_;

@@ -22,10 +22,26 @@ void Odometry::start(const ViewPtr& view) {
   if (starter_->attempts() > attempts && !start) {
     observer_->start_refused({view->frame, starter_->last_reason()});
   }
+  if (starter_->is_crowded() && maker_ && view->frame < evenly_from_) start = start_evenly(std::move(start));
   if (!start) return follow_early_turn(view);
   const std::vector<WaitingView> views = starter_->views();
   starter_.emplace(rig_, options_);
   begin_segment(std::move(*start), views);
+}
+
+// What moves may have most of the strong corners: all that waits is gone through again with corners that are
+// spread evenly. Where images were released already, they are from the next frame on.
+std::optional<Start> Odometry::start_evenly(std::optional<Start> start) {
+  const std::vector<WaitingView> views = starter_->views();
+  evenly_from_ = views.back().frame + 1;
+  if (!std::ranges::all_of(views, [](const WaitingView& v) { return v.view != nullptr; })) return start;
+  evenly_from_ = views.front().frame;
+  starter_.emplace(rig_, options_);
+  start.reset();
+  auto next = views.begin();
+  while (!start && next != views.end()) start = starter_->push(detected((next++)->view), mapper_);
+  for (auto later = views.end(); later != next;) waiting_.push_front((--later)->view);
+  return start;
 }
 
 void Odometry::begin_segment(Start start, const std::vector<WaitingView>& views) {

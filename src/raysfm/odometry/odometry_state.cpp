@@ -53,11 +53,17 @@ void Odometry::EarlyTurn::archive(A& a) {
   raysfm::archive(a, begun, turns);
 }
 
+// A view of a state, as it was when it had been processed.
+ViewPtr Odometry::prepared(const ViewPtr& view) const {
+  const bool evenly = maker_ && view->detected() && view->frame >= evenly_from_;
+  return marks_.without(evenly ? maker_->detected_evenly(view) : view);
+}
+
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.
 template <typename A>
 void Odometry::archive(A& a) {
-  raysfm::archive(a, marks_);
-  if constexpr (A::kReads) a.prepare_views([this](const ViewPtr& view) { return marks_.without(view); });
+  raysfm::archive(a, marks_, evenly_from_);
+  if constexpr (A::kReads) a.prepare_views([this](const ViewPtr& view) { return prepared(view); });
   raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
                   turner_, early_turn_, local_, anchor_distance_, posed_, settled_before_, places_, closures_,
                   map_covariance_, motion_watch_, shutter_found_at_);

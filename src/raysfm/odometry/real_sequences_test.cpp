@@ -2,9 +2,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cctype>
+#include <cmath>
 #include <functional>
 #include <memory>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -12,6 +15,7 @@
 #include "raysfm/frames/frame_set.h"
 #include "raysfm/odometry/odometry.h"
 #include "raysfm/results/trajectory_file.h"
+#include "raysfm/views/view_maker.h"
 #include "support/panel_world.h"
 #include "support/shared_data.h"
 
@@ -174,6 +178,80 @@ TEST_P(CutOutTest, IsOneWorldBeforeAndAfter) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Real, CutOutTest, testing::Values(70, 100));
+
+// Figures that walk past before the camera: each shows a part of the first image, upside down.
+struct Walkers {
+  double width = 0;              // of each, as a part of the image's
+  std::array<double, 3> speeds;  // parts of the image's width from frame to frame
+};
+
+GrayImage upside_down(const GrayImage& image) {
+  GrayImage out(image.width(), image.height());
+  for (int y = 0; y < image.height(); ++y)
+    std::copy_n(image.row(image.height() - 1 - y), image.width(), out.row(y));
+  return out;
+}
+
+void paint(const Walkers& walkers, const GrayImage& texture, int frame, GrayImage* image) {
+  const int width = image->width(), height = image->height(), top = height / 4;
+  const int across = static_cast<int>(width * walkers.width), span = width + across;
+  int from = 0;
+  for (const double speed : walkers.speeds) {
+    const int gone = static_cast<int>(std::floor(from + speed * width * frame));
+    const int left = (gone % span + span) % span - across;
+    const int begin = std::max(0, left), end = std::min(width, left + across);
+    for (int y = top; y < height && begin < end; ++y)
+      std::copy_n(texture.row(y - top) + from + begin - left, end - begin, image->row(y) + begin);
+    from += width / 3;
+  }
+}
+
+// What they show stays the same, while of a street that is driven through little is seen for long.
+class WalkersTest : public testing::TestWithParam<Walkers> {};
+
+constexpr const char* kDrive = "kitti07-mono";
+constexpr int kDriven = 60;  // frames
+
+Reconstruction track_drive(const Walkers& walkers) {
+  Result<Input> input = open_input({shared_data(kDrive).string()}, {.mono = true});
+  if (!input || !input->calibration) {
+    ADD_FAILURE() << (input ? "no calibration" : input.error().message);
+    return {};
+  }
+  const ViewMaker maker({{.stream = 0, .roi = {}, .harris = {.max_features = 1500}}});
+  Odometry odometry(*input->calibration, {}, nullptr, &maker);
+  FrameSetReader reader(input->streams);
+  GrayImage texture;
+  for (int i = 0; i < kDriven; ++i) {
+    const std::shared_ptr<View> read = next_view(reader, i);
+    if (!read) return {};
+    std::vector<Picture> pictures(1);
+    pictures[0].gray = std::move(read->cameras[0].image);
+    if (i == 0) texture = upside_down(pictures[0].gray);
+    paint(walkers, texture, i, &pictures[0].gray);
+    auto view = std::make_shared<View>(read->stamp());
+    maker.look(std::move(pictures), view.get());
+    odometry.process(view);
+  }
+  return odometry.finish(false);
+}
+
+TEST_P(WalkersTest, AreNotWhatIsTracked) {
+  RAYSFM_SKIP_WITHOUT_SHARED_DATA(kDrive);
+  const Reconstruction r = track_drive(GetParam());
+  ASSERT_EQ(r.segments.size(), 1u);
+  const Result<Trajectory> truth = read_trajectory(shared_data(kDrive) / "truth.txt");
+  ASSERT_TRUE(truth) << truth.error().message;
+  const Result<Evaluation> error = evaluate(trajectory_of(r), *truth, {.alignment = Alignment::kSim3});
+  ASSERT_TRUE(error) << error.error().message;
+  EXPECT_EQ(static_cast<int>(error->matches.size()), kDriven);
+  EXPECT_LT(error->percent_of_path(), 0.5) << "of " << error->length << " m";
+}
+
+INSTANTIATE_TEST_SUITE_P(Real, WalkersTest,
+                         testing::Values(Walkers{0.06, {0.004, 0.007, 0.01}},
+                                         Walkers{0.08, {0.005, 0.008, 0.003}},
+                                         Walkers{0.05, {0.01, -0.008, 0.006}}));
 
 // Short footage has few key frames, and so has footage of one place, however long it is.
 TEST(RealShort, AFewKeyFramesTellALensThatIsOff) {

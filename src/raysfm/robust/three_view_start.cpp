@@ -418,6 +418,11 @@ std::string describe(const ThreeViewStart& start) {
       std::snprintf(text, sizeof text, "too little parallax: median %.2f degrees",
                     kDegrees * start.least_parallax);
       break;
+    case StartProblem::kTwoMotions:
+      std::snprintf(text, sizeof text,
+                    "two motions explain about as much of the image: one %d of %zu matches",
+                    start.inlier_count, matches);
+      break;
   }
   return text;
 }

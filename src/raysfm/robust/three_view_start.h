@@ -19,6 +19,7 @@ enum class StartProblem {
   kTooFewInliers,      // no rigid motion explains enough of the matches
   kAmbiguous,          // a second motion fits as well: (nearly) coplanar points and straight motion
   kTooLittleParallax,  // a motion was found, but the points are too far for their depths to be known
+  kTwoMotions,         // two motions explain about as much of the image each (fair_start.h)
 };
 
 struct ThreeViewOptions {

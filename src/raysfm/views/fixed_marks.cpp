@@ -239,6 +239,7 @@ ViewPtr FixedMarks::without(const ViewPtr& view) const {
   const auto holds = [&](const Mark& m) { return m.since <= view->frame; };
   if (!view->detected() || std::ranges::none_of(marks_, holds)) return view;
   auto rest = std::make_shared<View>(view->stamp());
+  rest->evenly = view->evenly;
   for (int c = 0; c < static_cast<int>(view->cameras.size()); ++c) {
     const Features& features = view->cameras[c].features;
     std::vector<int> which;

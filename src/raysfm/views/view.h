@@ -80,6 +80,7 @@ struct View : ViewStamp {
   const ViewStamp& stamp() const { return *this; }
 
   std::vector<CameraView> cameras;
+  bool evenly = false;  // its corners are those of ViewMaker::detected_evenly()
 
   bool detected() const { return std::ranges::all_of(cameras, &CameraView::detected); }
 };

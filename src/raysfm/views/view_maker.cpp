@@ -16,6 +16,21 @@ GrayImage cropped(const GrayImage& picture, const Roi& roi) {
   return part;
 }
 
+// Of the corners of a cell, in even shares (corner_selection.h). 1.2 to 3 were tried.
+constexpr float kMostShares = 1.5f;
+
+// Of the corners of `from` that are nearest.
+void take_colors(const CameraView& from, CameraView* view) {
+  if (from.features.size() == 0) return;
+  for (int i = 0; i < view->features.size(); ++i) {
+    const auto distance2 = [&](const Eigen::Vector2f& p) {
+      return (p - view->features.pixels[i]).squaredNorm();
+    };
+    const auto nearest = std::ranges::min_element(from.features.pixels, {}, distance2);
+    view->rgb[i] = from.rgb[nearest - from.features.pixels.begin()];
+  }
+}
+
 // A view as look() left it.
 std::shared_ptr<View> looked_at(const View& view) {
   auto copy = std::make_shared<View>(view.stamp());
@@ -69,6 +84,23 @@ ViewPtr ViewMaker::detected(const ViewPtr& view) const {
   auto copy = looked_at(*view);
   detect(copy.get());
   return copy;
+}
+
+ViewPtr ViewMaker::detected_evenly(const ViewPtr& view) const {
+  thread_local HarrisDetector detector;  // scratch
+  if (view->evenly) return view;
+  const ViewPtr strongest = detected(view);
+  auto even = looked_at(*strongest);
+  const Clock::time_point start = Clock::now();
+  for (size_t c = 0; c < even->cameras.size(); ++c) {
+    HarrisOptions options = cameras_[c].harris;
+    options.shares.most = kMostShares;
+    raysfm::detect(detector, options, &even->cameras[c]);
+    take_colors(strongest->cameras[c], &even->cameras[c]);
+  }
+  even->evenly = true;
+  even->detect_ms += milliseconds_since(start);
+  return even;
 }
 
 }  // namespace raysfm

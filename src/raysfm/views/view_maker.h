@@ -34,6 +34,10 @@ class ViewMaker {
   void detect(View* view) const;
   // The same for a view that others may see: itself, or one with corners beside.
   ViewPtr detected(const ViewPtr& view) const;
+  // With other corners, of which no part of the image has many more than its share: where something moves
+  // that has most of the strong ones. Each has the colour of the strongest ones' nearest, as detection lets
+  // colours go.
+  ViewPtr detected_evenly(const ViewPtr& view) const;
 
  private:
   std::vector<CameraInput> cameras_;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <utility>
@@ -65,6 +66,45 @@ TEST(ViewMaker, CornersAreTheSameWheneverTheyAreDetected) {
     EXPECT_EQ(a.features.octaves, b.features.octaves);
     EXPECT_EQ(a.rgb, b.rgb);
     EXPECT_NE(a.features.pixels, between.cameras[c].features.pixels);
+  }
+}
+
+// The left quarter of the picture has most of the contrast.
+TEST(ViewMaker, EvenCornersLeaveLessToAPartWithAllTheContrast) {
+  constexpr int kQuarter = kWidth / 4;
+  const ViewMaker maker({{0, {}, {.max_features = 60}}});
+  std::vector<Picture> picture(1);
+  picture[0].gray = testing_support::random_image(kWidth, kHeight, 1);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = kQuarter; x < kWidth; ++x) {
+      uint8_t& grey = picture[0].gray.row(y)[x];
+      grey = static_cast<uint8_t>(110 + grey / 8);
+    }
+  }
+  picture[0].colors.rgb = testing_support::random_image(3 * kWidth, kHeight, 2);
+  auto looked = std::make_shared<View>();
+  maker.look(std::move(picture), looked.get());
+  const auto strong = [&](const View& view) {
+    const auto& pixels = view.cameras[0].features.pixels;
+    return static_cast<double>(
+               std::ranges::count_if(pixels, [](const auto& p) { return p.x() < kQuarter; })) /
+           static_cast<double>(pixels.size());
+  };
+  const ViewPtr strongest = maker.detected(looked), even = maker.detected_evenly(looked);
+  EXPECT_GT(strong(*strongest), 0.6);
+  EXPECT_LT(strong(*even), 0.5);
+  EXPECT_FALSE(strongest->evenly);
+  EXPECT_TRUE(even->evenly);
+  EXPECT_EQ(maker.detected_evenly(even), even);
+  // The same whether the strongest were detected before, with their colours.
+  const ViewPtr again = maker.detected_evenly(strongest);
+  EXPECT_EQ(again->cameras[0].features.pixels, even->cameras[0].features.pixels);
+  EXPECT_EQ(again->cameras[0].rgb, even->cameras[0].rgb);
+  for (int i = 0; i < even->cameras[0].features.size(); ++i) {
+    const auto& pixels = strongest->cameras[0].features.pixels;
+    const auto same = std::ranges::find(pixels, even->cameras[0].features.pixels[i]);
+    if (same == pixels.end()) continue;
+    EXPECT_EQ(even->cameras[0].rgb[i], strongest->cameras[0].rgb[same - pixels.begin()]);
   }
 }
 
