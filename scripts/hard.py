@@ -222,11 +222,9 @@ def silent(results):
 
 
 LOOKED_AT = [
-    "Walkers, posters, vehicle: what is tracked is whatever has most corners that one motion explains. Figures that go sideways at several "
+    "Walkers, posters, vehicle: what is tracked is whatever covers most of the image that one motion explains. Figures that go sideways at several "
     "speeds are, to a camera, points at several distances; a wall that fills most of the image is a world. Residuals are small and "
     "ellipsoids narrow, rightly so for what was followed. What tells is the rest of the image (docs/architecture.md, what moves by itself).",
-    "`kitchen, posters 10` starts from frames 59, 66 and 74, after triples that no rigid motion explained, and makes 17 key frames (rms 0.39 px): "
-    "nothing is said.",
     "`room, blur-bursts 8`: frames drawn out by 41 px are 19 to 88 mm off, along what is told least, with standard deviations of 5 to 19 mm; those "
     "between them are within 0.5 mm, but all are aligned together.",
     "The truth of the kitchen is good to 3 to 5 cm only, on a path of 80 frames: its errors of 1 to 3 % of the path are those of the truth.",

@@ -806,6 +806,17 @@ class WithoutCameraFile(TrackTest):
         result = json.loads(run("eval", self.folder / "given" / "trajectory.txt", room / "truth.txt", "--json").stdout)
         self.assertLess(result["ate"]["rmse"], 0.003 * result["length_m"])
 
+    @unittest.skipUnless((SHARED / "rendered" / "zoom").exists(), "no shared data: rendered/zoom (set RAYSFM_SHARED_DATA)")
+    def test_zoom_that_bends_the_map_of_its_first_lens(self):
+        """By 1.8: the map of the camera file's lens is 17 % off, and tells too little of the zoom."""
+        film = SHARED / "rendered" / "zoom"
+        done = self.track(film)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["lens"], report["frames"]["posed"]), ("zooming", 60))
+        result = json.loads(run("eval", self.out / "trajectory.txt", film / "truth.txt", "--json").stdout)
+        self.assertLess(result["ate"]["mean"], 0.01 * result["length_m"])
+
     def test_fisheye(self):
         """A lens of 140 degrees is found as the fisheye that it is, and followed as well as with its calibration."""
         camera = self.file("fisheye.yaml", """raysfm_camera: 1

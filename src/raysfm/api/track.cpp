@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <new>
 #include <optional>
@@ -19,6 +20,7 @@
 #include "raysfm/core/thread_pool.h"
 #include "raysfm/frames/frame_source.h"
 #include "raysfm/odometry/tracker.h"
+#include "raysfm/scene/frame_lens.h"
 #include "raysfm/scene/worlds.h"
 #include "raysfm/streams/view_stream.h"
 
@@ -295,6 +297,16 @@ std::optional<TrackResult> with_own_lens(const TrackSettings& given, const Track
   return std::nullopt;
 }
 
+ZoomRoute zoom_route(const Sources& sources) {
+  constexpr double kSquare = 0.02;
+  if (sources.zoom.may_be_solved) return ZoomRoute::kSolveThenMap;
+  FrameLens of_all;
+  of_all.camera = sources.rig.cameras[0];
+  const std::optional<Lens> lens = lens_of(of_all);
+  const bool is_square = lens && std::abs(lens->fx / lens->fy - 1) < kSquare;
+  return sources.lens_is_given() && is_square ? ZoomRoute::kMapThenSolve : ZoomRoute::kMap;
+}
+
 // The footage with a lens for each image, where the camera seems to zoom and that is better. Else what there
 // is to say of it is said in `tracked`.
 std::optional<TrackResult> with_zoom(const TrackSettings& given, const TrackCallbacks& callbacks,
@@ -312,7 +324,7 @@ std::optional<TrackResult> with_zoom(const TrackSettings& given, const TrackCall
   if (zoom.empty() && is_asked && !callbacks.stopped()) zoom = zoom_warning(zoom_in_map(r));
   std::optional<TrackResult> better;
   if (!zoom.empty() && may_be_another && !callbacks.stopped())
-    better = better_by_zoom(given, callbacks, *tracked, is_short && sources.zoom.may_be_solved);
+    better = better_by_zoom(given, callbacks, *tracked, is_short ? zoom_route(sources) : ZoomRoute::kMap);
   if (better || (scans && !change)) return better;
   tell(callbacks.event, Event::Level::kWarning, zoom);
   if (!zoom.empty()) tracked->report.warnings.push_back(zoom);

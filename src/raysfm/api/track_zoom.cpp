@@ -138,14 +138,16 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
 }
 
 std::optional<TrackResult> better_by_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks,
-                                          const TrackResult& tracked, bool may_be_solved) {
+                                          const TrackResult& tracked, ZoomRoute route) {
   const auto is_better = [&](const std::optional<TrackResult>& other) {
     return other && other->report.lens->zoom_undone && reaches_enough(*other, tracked.reconstruction) &&
            surely_changes(other->reconstruction);
   };
   std::optional<TrackResult> other;
-  if (may_be_solved) other = solved_zoom(settings, callbacks);
+  if (route == ZoomRoute::kSolveThenMap) other = solved_zoom(settings, callbacks);
   if (!is_better(other) && !callbacks.stopped()) other = tracked_through_zoom(tracked, settings, callbacks);
+  if (!is_better(other) && !callbacks.stopped() && route == ZoomRoute::kMapThenSolve)
+    other = solved_zoom(settings, callbacks);
   return is_better(other) ? std::move(other) : std::nullopt;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -31,10 +32,17 @@ std::optional<TrackResult> solved_zoom(const TrackSettings& settings, const Trac
 // Whether a lens for each image explains so much more than one that nothing else need speak for it.
 bool is_clear_zoom(const TrackResult& solved);
 
-// The same footage with a lens for each image, where that is better than what was tracked with one: by
-// solve(), if `may_be_solved`, else from the map. None where nothing is, or when told to stop.
+// From what a video is tracked with the zoom undone. solve() is dear, and takes pixels to be square.
+enum class ZoomRoute : uint8_t {
+  kMap,           // what the map of one lens says of its key frames
+  kMapThenSolve,  // of a lens that was given: solve() where the map is too bent by the zoom
+  kSolveThenMap,  // of a lens that was found, by which the map may be bent throughout
+};
+
+// The same footage with a lens for each image, where that is better than what was tracked with one. None
+// where nothing is, or when told to stop.
 std::optional<TrackResult> better_by_zoom(const TrackSettings& settings, const TrackCallbacks& callbacks,
-                                          const TrackResult& tracked, bool may_be_solved);
+                                          const TrackResult& tracked, ZoomRoute route);
 
 // What there is to say of a result with a lens for each image.
 std::string zoom_range(const TrackResult& result);
