@@ -87,7 +87,7 @@ class Starter {
   template <typename A>
   void archive(A& a) {
     raysfm::archive(a, views_, tried_at_, first_, second_, next_, from_first_, from_second_, reason_,
-                    last_reason_, most_matches_, attempts_, weak_spans_, disagreed_, is_crowded_);
+                    last_reason_, most_matches_, attempts_, weak_spans_, is_crowded_);
   }
 
  private:

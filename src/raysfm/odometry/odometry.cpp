@@ -149,17 +149,20 @@ void Odometry::explain_blindness(const View& view) {
   if (auto reason = blindness(view)) frames_[view.frame].reason = *reason;
 }
 
+// Marks included.
+ViewPtr Odometry::with_corners(const ViewPtr& view) const {
+  if (!maker_) return view;
+  return view->frame >= evenly_from_ ? maker_->detected_evenly(view) : maker_->detected(view);
+}
+
 ViewPtr Odometry::detected(const ViewPtr& view) {
-  const bool evenly = view->frame >= evenly_from_;
-  const ViewPtr with_corners = !maker_  ? view
-                               : evenly ? maker_->detected_evenly(view)
-                                        : maker_->detected(view);
-  detected_ms_ += with_corners->detect_ms - view->detect_ms;
-  if (with_corners->detected() && marks_.watch(*with_corners)) {
+  const ViewPtr found = with_corners(view);
+  detected_ms_ += found->detect_ms - view->detect_ms;
+  if (found->detected() && marks_.watch(*found)) {
     marks_are_new_ = true;
-    observer_->marks_found({view->frame, marks_.part_of(*with_corners)});
+    observer_->marks_found({view->frame, marks_.part_of(*found)});
   }
-  return marks_.without(with_corners);
+  return marks_.without(found);
 }
 
 // Before anything has started all views are gone through again, as if marks had been known.

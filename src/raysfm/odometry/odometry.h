@@ -229,6 +229,7 @@ class Odometry {
   void archive(A& a);
   void repeat(const View& view);
   void tell_posed(int frame);
+  ViewPtr with_corners(const ViewPtr& view) const;
   ViewPtr detected(const ViewPtr& view);
   ViewPtr prepared(const ViewPtr& view) const;
   void start_without_marks(const ViewPtr& view);

@@ -55,8 +55,7 @@ void Odometry::EarlyTurn::archive(A& a) {
 
 // A view of a state, as it was when it had been processed.
 ViewPtr Odometry::prepared(const ViewPtr& view) const {
-  const bool evenly = maker_ && view->detected() && view->frame >= evenly_from_;
-  return marks_.without(evenly ? maker_->detected_evenly(view) : view);
+  return marks_.without(view->detected() ? with_corners(view) : view);
 }
 
 // Not the views that wait, of which there are none between two pushes, nor what is scratch memory.

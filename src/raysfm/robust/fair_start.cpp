@@ -1,6 +1,8 @@
 #include "raysfm/robust/fair_start.h"
 
 #include <algorithm>
+#include <iterator>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -17,43 +19,32 @@ constexpr double kMuchLess = 0.75;
 // which one is the rig's.
 constexpr double kLeastShare = 0.5;
 
-// Some of the points, with all their rays.
-class SomeMatches {
- public:
-  SomeMatches(const RigMatches& all, std::span<const int> points)
-      : points_(points.begin(), points.end()), all_count_(all.point_count) {
-    std::vector<int> number(all.point_count, -1);
-    for (size_t i = 0; i < points.size(); ++i) number[points[i]] = static_cast<int>(i);
-    for (size_t k = 0; k < all.rays.size(); ++k) {
-      if (number[all.points[k]] < 0) continue;
-      rays_.push_back(all.rays[k]);
-      of_point_.push_back(number[all.points[k]]);
-      views_.push_back(all.views[k]);
-      if (!all.cameras.empty()) cameras_.push_back(all.cameras[k]);
-    }
+// Of some of the points, with all their rays; numbered as those of all.
+GenericStart start_of(const RigMatches& all, std::span<const int> points,
+                      const GenericStartOptions& options) {
+  std::vector<int> number(all.point_count, -1);
+  for (size_t i = 0; i < points.size(); ++i) number[points[i]] = static_cast<int>(i);
+  std::vector<ObservedRay> rays;
+  std::vector<int> of_point, views, cameras;
+  for (size_t k = 0; k < all.rays.size(); ++k) {
+    if (number[all.points[k]] < 0) continue;
+    rays.push_back(all.rays[k]);
+    of_point.push_back(number[all.points[k]]);
+    views.push_back(all.views[k]);
+    if (!all.cameras.empty()) cameras.push_back(all.cameras[k]);
   }
-
-  // Its points are numbered as those of all.
-  GenericStart start(const GenericStartOptions& options) const {
-    GenericStart some =
-        start_generic({static_cast<int>(points_.size()), rays_, of_point_, views_, cameras_}, options);
-    std::vector<uint8_t> inlier(all_count_, 0);
-    std::vector<Eigen::Vector3d> points_in_rig0(all_count_, Eigen::Vector3d::Zero());
-    for (size_t i = 0; i < some.inlier.size(); ++i) {
-      inlier[points_[i]] = some.inlier[i];
-      if (some.inlier[i] != 0) points_in_rig0[points_[i]] = some.points_in_rig0[i];
-    }
-    some.inlier.swap(inlier);
-    some.points_in_rig0.swap(points_in_rig0);
-    return some;
+  GenericStart start =
+      start_generic({static_cast<int>(points.size()), rays, of_point, views, cameras}, options);
+  std::vector<uint8_t> inlier(all.point_count, 0);
+  std::vector<Eigen::Vector3d> points_in_rig0(all.point_count, Eigen::Vector3d::Zero());
+  for (size_t i = 0; i < start.inlier.size(); ++i) {
+    inlier[points[i]] = start.inlier[i];
+    if (start.inlier[i] != 0) points_in_rig0[points[i]] = start.points_in_rig0[i];
   }
-
- private:
-  std::vector<int> points_;
-  int all_count_;
-  std::vector<ObservedRay> rays_;
-  std::vector<int> of_point_, views_, cameras_;
-};
+  start.inlier.swap(inlier);
+  start.points_in_rig0.swap(points_in_rig0);
+  return start;
+}
 
 // As many of each place, and of those with fewer all: the fewest that are enough.
 std::vector<int> spread_evenly(std::span<const int> places) {
@@ -105,22 +96,22 @@ FairStart start_fairly(const RigMatches& matches, std::span<const int> places,
   if (!is_in_doubt(first, matches.point_count)) return fair;
 
   std::vector<int> all(matches.point_count);
-  for (int i = 0; i < matches.point_count; ++i) all[i] = i;
+  std::iota(all.begin(), all.end(), 0);
   const std::vector<int> speaking = spread_evenly(places);
   const std::vector<int> others = unexplained(speaking, first);
   const auto count = static_cast<double>(speaking.size());
   const double share = 1 - static_cast<double>(others.size()) / count;
-  fair.rival_share = moving_as_one(SomeMatches(matches, others).start(options)) / count;
+  fair.rival_share = moving_as_one(start_of(matches, others, options)) / count;
 
   const bool is_the_rigs = fair.rival_share <= kMuchLess * share;
   if (is_the_rigs && (first.ok() || share < kLeastShare)) return fair;
   const bool rivals =
       !is_the_rigs && share <= kMuchLess * fair.rival_share && fair.rival_share >= kLeastShare;
   if (is_the_rigs) {
-    const GenericStart rival = SomeMatches(matches, unexplained(all, first)).start(options);
-    first = SomeMatches(matches, unexplained(all, rival)).start(options);
+    const GenericStart rival = start_of(matches, unexplained(all, first), options);
+    first = start_of(matches, unexplained(all, rival), options);
   } else if (rivals) {
-    first = SomeMatches(matches, unexplained(all, first)).start(options);
+    first = start_of(matches, unexplained(all, first), options);
   } else {
     first.problem = StartProblem::kTwoMotions;
   }

@@ -69,14 +69,20 @@ void ViewMaker::look(std::vector<Picture> pictures, View* view) const {
   view->detect_ms += milliseconds_since(start);
 }
 
-void ViewMaker::detect(View* view) const {
+void ViewMaker::find_corners(bool evenly, View* view) const {
   thread_local HarrisDetector detector;  // scratch
-  if (view->detected()) return;
   const Clock::time_point start = Clock::now();
   for (size_t c = 0; c < view->cameras.size(); ++c) {
-    raysfm::detect(detector, cameras_[c].harris, &view->cameras[c]);
+    HarrisOptions options = cameras_[c].harris;
+    if (evenly) options.shares.most = kMostShares;
+    raysfm::detect(detector, options, &view->cameras[c]);
   }
+  view->evenly = evenly;
   view->detect_ms += milliseconds_since(start);
+}
+
+void ViewMaker::detect(View* view) const {
+  if (!view->detected()) find_corners(false, view);
 }
 
 ViewPtr ViewMaker::detected(const ViewPtr& view) const {
@@ -87,19 +93,11 @@ ViewPtr ViewMaker::detected(const ViewPtr& view) const {
 }
 
 ViewPtr ViewMaker::detected_evenly(const ViewPtr& view) const {
-  thread_local HarrisDetector detector;  // scratch
   if (view->evenly) return view;
   const ViewPtr strongest = detected(view);
   auto even = looked_at(*strongest);
-  const Clock::time_point start = Clock::now();
-  for (size_t c = 0; c < even->cameras.size(); ++c) {
-    HarrisOptions options = cameras_[c].harris;
-    options.shares.most = kMostShares;
-    raysfm::detect(detector, options, &even->cameras[c]);
-    take_colors(strongest->cameras[c], &even->cameras[c]);
-  }
-  even->evenly = true;
-  even->detect_ms += milliseconds_since(start);
+  find_corners(true, even.get());
+  for (size_t c = 0; c < even->cameras.size(); ++c) take_colors(strongest->cameras[c], &even->cameras[c]);
   return even;
 }
 

@@ -40,6 +40,8 @@ class ViewMaker {
   ViewPtr detected_evenly(const ViewPtr& view) const;
 
  private:
+  void find_corners(bool evenly, View* view) const;
+
   std::vector<CameraInput> cameras_;
   std::vector<bool> owns_stream_;  // by camera: its image is the whole picture, and nobody else's
 };
