@@ -48,7 +48,7 @@ const FrameLens* middle_lens(const Reconstruction& r) {
 void print_lens(const FrameLens& lens) {
   std::printf("focal length %.1f px, standard deviation %.2g px, in the middle of the video\n",
               lens_of(lens)->fx, lens.sigma[0]);
-  const RadialDistortion radial = radial_distortion_of(lens);
+  const RadialDistortion radial = radial_distortion_of(lens.camera);
   if (radial.none()) return;
   std::printf("radial distortion k1 %.4f, standard deviation %.2g\n", radial.k1, lens.radial_sigma.k1);
 }

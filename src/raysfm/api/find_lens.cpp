@@ -433,9 +433,7 @@ std::string vague_lens_warning(const LensOrigin& origin) {
 }
 
 std::string wide_lens_warning(const Camera& camera) {
-  FrameLens perspective;
-  perspective.camera = camera;
-  if (!lens_of(perspective)) return "";
+  if (!lens_of(camera)) return "";
   const CameraFacts facts = camera_facts(camera);
   const double wide = std::max(facts.fov_horizontal_deg, facts.fov_vertical_deg);
   if (!(wide > kWide)) return "";

@@ -67,9 +67,7 @@ PointTracks without_distortion(const PointTracks& tracks, const Camera& camera, 
 
 std::optional<CornerFocal> focal_of_corners(std::span<const ViewPtr> views, const Camera& camera, int number,
                                             uint64_t seed) {
-  FrameLens perspective;
-  perspective.camera = camera;
-  const std::optional<Lens> lens = lens_of(perspective);
+  const std::optional<Lens> lens = lens_of(camera);
   if (!lens || std::ssize(views) < kLeastViews) return std::nullopt;
   PointTracks tracks = without_distortion(corner_tracks(views, number), camera, *lens);
   const double side = octave_side(views[0]->cameras[number].octaves->first());

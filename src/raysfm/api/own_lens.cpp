@@ -33,9 +33,7 @@ constexpr double kMuchBetter = 0.8;
 using Factors = std::vector<double>;
 
 bool is_perspective(const Camera& camera) {
-  FrameLens lens;
-  lens.camera = camera;
-  return lens_of(lens).has_value();
+  return lens_of(camera).has_value();
 }
 
 // Whether cameras have the same lens, as far as a file says.

@@ -300,9 +300,7 @@ std::optional<TrackResult> with_own_lens(const TrackSettings& given, const Track
 ZoomRoute zoom_route(const Sources& sources) {
   constexpr double kSquare = 0.02;
   if (sources.zoom.may_be_solved) return ZoomRoute::kSolveThenMap;
-  FrameLens of_all;
-  of_all.camera = sources.rig.cameras[0];
-  const std::optional<Lens> lens = lens_of(of_all);
+  const std::optional<Lens> lens = lens_of(sources.rig.cameras[0]);
   const bool is_square = lens && std::abs(lens->fx / lens->fy - 1) < kSquare;
   return sources.lens_is_given() && is_square ? ZoomRoute::kMapThenSolve : ZoomRoute::kMap;
 }

@@ -77,11 +77,10 @@ bool can_be_solved(const TrackSettings& settings, double keyframes) {
 }
 
 std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& r) {
-  FrameLens of_all;
-  of_all.camera = r.rig.cameras[0];
-  const std::optional<Lens> lens = lens_of(of_all);
+  const Camera& camera = r.rig.cameras[0];
+  const std::optional<Lens> lens = lens_of(camera);
   if (!lens) return std::nullopt;
-  const bool scans = of_all.camera.shutter.readout > 0;
+  const bool scans = camera.shutter.readout > 0;
   for (const std::vector<KeyFrame>& keyframes : keyframes_by_world(r)) {
     for (size_t first = 0; first + kLeastWindow <= keyframes.size(); first += kStep) {
       const size_t count = std::min(kWindow, keyframes.size() - first);

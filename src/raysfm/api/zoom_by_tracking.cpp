@@ -37,23 +37,20 @@ struct CommonLens {
 
 // None of other models.
 std::optional<CommonLens> common_lens(const Camera& camera) {
-  FrameLens of_camera;
-  of_camera.camera = camera;
-  const std::optional<Lens> lens = lens_of(of_camera);
+  const std::optional<Lens> lens = lens_of(camera);
   if (!lens) return std::nullopt;
   return CommonLens{
       {(lens->cx - 0.5 * (camera.width - 1)) / lens->fx, (lens->cy - 0.5 * (camera.height - 1)) / lens->fx},
       lens->fy / lens->fx,
-      radial_distortion_of(of_camera)};
+      radial_distortion_of(camera)};
 }
 
 // As it was given: what a map of one lens refines through a zoom is bent by that.
 std::optional<CommonLens> given_lens(const Reconstruction& tracked) {
-  FrameLens given;
-  given.camera = tracked.rig.cameras[0];
-  std::optional<Lens> lens = lens_of(given);
+  const Camera& refined = tracked.rig.cameras[0];
+  std::optional<Lens> lens = lens_of(refined);
   if (!lens) return std::nullopt;
-  RadialDistortion radial = radial_distortion_of(given);
+  RadialDistortion radial = radial_distortion_of(refined);
   for (const CalibrationNumber& n : tracked.calibration) {
     for (const auto& [name, value] : {std::pair{"fx", &lens->fx},
                                       {"fy", &lens->fy},
@@ -64,11 +61,10 @@ std::optional<CommonLens> given_lens(const Reconstruction& tracked) {
       if (n.name == name) *value = n.given;
     }
   }
-  const Camera camera = given.camera;
-  given = frame_lens(*lens, radial);
-  given.camera.width = camera.width;
-  given.camera.height = camera.height;
-  return common_lens(given.camera);
+  Camera given = frame_lens(*lens, radial).camera;
+  given.width = refined.width;
+  given.height = refined.height;
+  return common_lens(given);
 }
 
 FoundLens lens_on_canvas(const UndoneZoom& zoom, const CommonLens& common) {
@@ -93,11 +89,7 @@ struct Pass {
   TrackResult tracked;
   std::vector<FocalMeasurement> measured;
 
-  FrameLens canvas() const {
-    FrameLens lens;
-    lens.camera = tracked.reconstruction.rig.cameras[0];
-    return lens;
-  }
+  const Camera& canvas() const { return tracked.reconstruction.rig.cameras[0]; }
 };
 
 std::optional<Pass> track_canvas(const TrackSettings& settings, const TrackCallbacks& callbacks,
@@ -126,7 +118,7 @@ std::optional<Pass> settle(const ZoomCurve& curve, CommonLens common, const Eige
     const UndoneZoom zoom = undo_zoom(log_focals, size.x(), size.y());
     std::optional<Pass> pass = track_canvas(settings, quiet, lens_on_canvas(zoom, common));
     if (!pass) return std::nullopt;
-    common = *common_lens(pass->canvas().camera);
+    common = *common_lens(pass->canvas());
     const std::vector<double> before = std::exchange(log_focals, curve.log_focals(pass->measured));
     const double change = rms_between(before, log_focals);
     tell(callbacks.event, Event::Level::kInfo,
@@ -149,7 +141,7 @@ double common_sigma(const Reconstruction& tracked) {
 }
 
 // The lens of a frame of which the canvas has a larger or smaller picture.
-FrameLens lens_of_frame(const FrameLens& canvas, const CanvasPlace& place, const Eigen::Vector2i& size,
+FrameLens lens_of_frame(const Camera& canvas, const CanvasPlace& place, const Eigen::Vector2i& size,
                         double sigma) {
   const Lens on_canvas = *lens_of(canvas);
   const Lens lens{on_canvas.fx / place.scale, on_canvas.fy / place.scale,
@@ -164,7 +156,7 @@ FrameLens lens_of_frame(const FrameLens& canvas, const CanvasPlace& place, const
 
 // What a pass tracked, from the canvas to the images as they were taken.
 TrackResult off_canvas(Pass pass, const Eigen::Vector2i& size) {
-  const FrameLens canvas = pass.canvas();
+  const Camera canvas = pass.canvas();
   TrackResult result = std::move(pass.tracked);
   Reconstruction* r = &result.reconstruction;
   double squares = 0;

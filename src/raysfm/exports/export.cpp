@@ -169,7 +169,7 @@ Result<Reconstruction> read_world(const ExportSettings& settings, const Rig& fil
 double largest_skew(const ExportScene& scene) {
   double largest = 0;
   for (size_t c = 0; c < scene.cameras.size(); ++c) {
-    const std::optional<Lens> lens = lens_of({.camera = scene.cameras[c]});
+    const std::optional<Lens> lens = lens_of(scene.cameras[c]);
     if (lens) largest = std::max(largest, std::abs(scene.skews[c]) * scene.cameras[c].height / 2 / lens->fy);
   }
   return largest;

@@ -200,7 +200,7 @@ class Undistorter {
 
 PinholeSource::PinholeSource(const Camera& from, double skew, double distance)
     : camera_(from), finder_(from), skew_(skew), distance_(distance) {
-  if (const std::optional<Lens> lens = lens_of({.camera = from}); lens && skew != 0) {
+  if (const std::optional<Lens> lens = lens_of(from); lens && skew != 0) {
     fy_ = lens->vector()[1];
     cy_ = lens->vector()[3];
   }

@@ -9,7 +9,7 @@ namespace raysfm {
 MeshViews::MeshViews(const MeshScene& scene) : scene_(scene) {
   for (const Camera& camera : scene.cameras) {
     finders_.emplace_back(camera);
-    const std::optional<Lens> lens = lens_of({.camera = camera});
+    const std::optional<Lens> lens = lens_of(camera);
     fy_and_cy_.emplace_back(lens ? Eigen::Vector2d(lens->vector()[1], lens->vector()[3])
                                  : Eigen::Vector2d(1, 0));
   }

@@ -146,8 +146,8 @@ void expect_same_lenses(const Reconstruction& read, const Reconstruction& r) {
     EXPECT_EQ(model_name(a.camera.model), model_name(b.camera.model));
     ASSERT_TRUE(lens_of(a) && lens_of(b));
     EXPECT_EQ(lens_of(a)->vector(), lens_of(b)->vector());
-    EXPECT_EQ(radial_distortion_of(a).k1, radial_distortion_of(b).k1);
-    EXPECT_EQ(radial_distortion_of(a).k2, radial_distortion_of(b).k2);
+    EXPECT_EQ(radial_distortion_of(a.camera).k1, radial_distortion_of(b.camera).k1);
+    EXPECT_EQ(radial_distortion_of(a.camera).k2, radial_distortion_of(b.camera).k2);
     EXPECT_EQ(a.sigma, b.sigma);
     EXPECT_EQ(a.radial_sigma.k1, b.radial_sigma.k1);
     EXPECT_EQ(a.radial_sigma.k2, b.radial_sigma.k2);

@@ -36,7 +36,7 @@ std::vector<Json> frame_runs(const Reconstruction& r) {
 }
 
 Json distortion_json(const FrameLens& lens) {
-  const RadialDistortion radial = radial_distortion_of(lens);
+  const RadialDistortion radial = radial_distortion_of(lens.camera);
   if (radial.none()) return {};
   return {{"k1", radial.k1},
           {"k2", radial.k2},

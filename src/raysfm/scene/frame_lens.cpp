@@ -16,15 +16,19 @@ FrameLens frame_lens(const Lens& lens, const RadialDistortion& radial) {
 }
 
 std::optional<Lens> lens_of(const FrameLens& lens) {
-  if (const auto* m = std::get_if<Pinhole>(&lens.camera.model))
-    return Lens{m->fx, m->fy, m->cx, m->cy, lens.skew};
-  if (const auto* m = std::get_if<Radtan>(&lens.camera.model))
-    return Lens{m->fx, m->fy, m->cx, m->cy, lens.skew};
+  std::optional<Lens> made = lens_of(lens.camera);
+  if (made) made->skew = lens.skew;
+  return made;
+}
+
+std::optional<Lens> lens_of(const Camera& camera) {
+  if (const auto* m = std::get_if<Pinhole>(&camera.model)) return Lens{m->fx, m->fy, m->cx, m->cy};
+  if (const auto* m = std::get_if<Radtan>(&camera.model)) return Lens{m->fx, m->fy, m->cx, m->cy};
   return std::nullopt;
 }
 
-RadialDistortion radial_distortion_of(const FrameLens& lens) {
-  const auto* m = std::get_if<Radtan>(&lens.camera.model);
+RadialDistortion radial_distortion_of(const Camera& camera) {
+  const auto* m = std::get_if<Radtan>(&camera.model);
   return m ? RadialDistortion{m->k1, m->k2} : RadialDistortion{};
 }
 

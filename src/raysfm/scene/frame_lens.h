@@ -21,8 +21,9 @@ struct FrameLens {
 // A pinhole, or radtan where there is distortion.
 FrameLens frame_lens(const Lens& lens, const RadialDistortion& radial);
 
-// What it was made of, also where it comes from elsewhere; nullopt of other models.
+// What it was made of, also where it comes from elsewhere; nullopt of other models. A camera has no skew.
 std::optional<Lens> lens_of(const FrameLens& lens);
-RadialDistortion radial_distortion_of(const FrameLens& lens);  // none of other models
+std::optional<Lens> lens_of(const Camera& camera);
+RadialDistortion radial_distortion_of(const Camera& camera);  // none of other models
 
 }  // namespace raysfm

@@ -103,9 +103,9 @@ TEST(FrameLens, IsMadeOfItsNumbersAndGivesThemBack) {
   }
   EXPECT_EQ(model_name(plain.camera.model), "pinhole");
   EXPECT_EQ(model_name(bent.camera.model), "radtan");
-  EXPECT_TRUE(radial_distortion_of(plain).none());
-  EXPECT_EQ(radial_distortion_of(bent).k1, -0.1);
-  EXPECT_EQ(radial_distortion_of(bent).k2, 0.02);
+  EXPECT_TRUE(radial_distortion_of(plain.camera).none());
+  EXPECT_EQ(radial_distortion_of(bent.camera).k1, -0.1);
+  EXPECT_EQ(radial_distortion_of(bent.camera).k2, 0.02);
   FrameLens fisheye;
   fisheye.camera.model = KannalaBrandt{500, 510, 320, 240};
   EXPECT_FALSE(lens_of(fisheye));

@@ -251,9 +251,7 @@ UndoneZoom undo_zoom(std::span<const double> log_focals, int width, int height) 
 }
 
 std::vector<FocalMeasurement> measure_focals(const Reconstruction& tracked, const UndoneZoom& zoom) {
-  FrameLens canvas;
-  canvas.camera = tracked.rig.cameras[0];
-  std::optional<Lens> lens = lens_of(canvas);
+  std::optional<Lens> lens = lens_of(tracked.rig.cameras[0]);
   if (!lens) return {};
   lens->fy = lens->fx;  // rays in square pixels
   std::vector<Sum> sums(tracked.frames.size());
