@@ -7,11 +7,12 @@ extern "C" {
 }
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <new>
+#include <vector>
 
 #include "raysfm/frames/decoded_image.h"
+#include "raysfm/image/luma.h"
 
 namespace raysfm {
 namespace {
@@ -38,31 +39,27 @@ bool is_luma(const AVPixFmtDescriptor& format) {
   return !(format.flags & kOther) && format.comp[0].depth >= 8 && format.comp[0].depth <= 16;
 }
 
-// Level `value` of `depth` bits in 8 bits; `low` and `high` are what become 0 and 255.
-uint8_t stretched(int value, int64_t low, int64_t high) {
-  const int64_t level = ((value - low) * 255 * 2 + (high - low)) / (2 * (high - low));
-  return static_cast<uint8_t>(std::clamp<int64_t>(level, 0, 255));
-}
-
 void copy_luma(const AVFrame& frame, const AVPixFmtDescriptor& format, GrayImage* gray) {
   const AVComponentDescriptor& luma = format.comp[0];
   const bool full = is_full_range(frame, format);
   const int64_t low = full ? 0 : int64_t{16} << (luma.depth - 8);
   const int64_t high = full ? (int64_t{1} << luma.depth) - 1 : int64_t{235} << (luma.depth - 8);
-  std::array<uint8_t, 256> table;
-  for (int i = 0; i < 256; ++i) table[i] = stretched(i, low, high);
+  std::vector<uint8_t> table(size_t{1} << luma.depth);
+  for (size_t i = 0; i < table.size(); ++i) table[i] = stretched_level(static_cast<int64_t>(i), low, high);
   for (int y = 0; y < frame.height; ++y) {
     const uint8_t* in = frame.data[luma.plane] + ptrdiff_t{y} * frame.linesize[luma.plane] + luma.offset;
     uint8_t* out = gray->row(y);
     if (luma.depth == 8 && luma.step == 1 && full) {
       std::memcpy(out, in, frame.width);
+    } else if (luma.depth == 8 && luma.step == 1) {
+      stretch_luma(in, frame.width, out);
     } else if (luma.depth == 8) {
       for (int x = 0; x < frame.width; ++x) out[x] = table[in[ptrdiff_t{x} * luma.step]];
     } else {
       for (int x = 0; x < frame.width; ++x) {
         uint16_t value;
         std::memcpy(&value, in + ptrdiff_t{x} * luma.step, sizeof(value));
-        out[x] = stretched(value >> luma.shift, low, high);
+        out[x] = table[std::min<size_t>(value >> luma.shift, table.size() - 1)];
       }
     }
   }
@@ -76,6 +73,10 @@ GrayImage chroma_of(const AVFrame& frame, const AVPixFmtDescriptor& format, int 
     const uint8_t* in =
         frame.data[chroma.plane] + ptrdiff_t{y} * frame.linesize[chroma.plane] + chroma.offset;
     uint8_t* out = image.row(y);
+    if (chroma.depth == 8 && chroma.step == 1) {
+      std::memcpy(out, in, image.width());
+      continue;
+    }
     for (int x = 0; x < image.width(); ++x, in += chroma.step) {
       uint16_t value = *in;
       if (chroma.depth > 8) std::memcpy(&value, in, sizeof(value));

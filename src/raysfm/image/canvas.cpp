@@ -82,13 +82,15 @@ ColorPlanes on_canvas(const ColorPlanes& colors, const GrayView& gray, const Can
     return static_cast<int>(std::clamp(at, 0l, static_cast<long>(image_side - 1)));
   };
   const auto chroma = [](int level, int grey, float share) {
-    return static_cast<uint8_t>(
-        std::clamp(std::lround(128 + static_cast<float>(level - grey) / share), 0l, 255l));
+    return rounded_level(128 + static_cast<float>(level - grey) / share);
   };
+  std::vector<int> columns(placed.cb.width());
+  for (int i = 0; i < placed.cb.width(); ++i)
+    columns[i] = nearest(kStep * i + kStep / 2, gray.width, place.width);
   for (int j = 0; j < placed.cb.height(); ++j) {
     const int y = nearest(kStep * j + kStep / 2, gray.height, place.height);
     for (int i = 0; i < placed.cb.width(); ++i) {
-      const int x = nearest(kStep * i + kStep / 2, gray.width, place.width);
+      const int x = columns[i];
       const uint8_t grey = gray(x, y);
       const std::array<uint8_t, 3> rgb = colors.at(x, y, grey);
       placed.cb.row(j)[i] = chroma(rgb[2], grey, placed.mix.blue_cb);

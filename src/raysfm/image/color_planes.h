@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -24,6 +25,11 @@ struct ColorPlanes {
   // Red, green, blue of the pixel (x, y) inside the image; `grey` is its level there.
   std::array<uint8_t, 3> at(int x, int y, uint8_t grey) const;
 };
+
+// The nearest of 0 to 255.
+inline uint8_t rounded_level(float level) {
+  return static_cast<uint8_t>(std::clamp(level, 0.f, 255.f) + 0.5f);
+}
 
 // 0.299 R + 0.587 G + 0.114 B of `colors.rgb`, which is not empty, rounded.
 GrayImage gray_of(const ColorPlanes& colors);
