@@ -14,6 +14,7 @@
 #include "raysfm/api/solve.h"
 #include "raysfm/api/zoom_by_tracking.h"
 #include "raysfm/core/median.h"
+#include "raysfm/core/standard_deviation.h"
 #include "raysfm/lenses/point_tracks.h"
 #include "raysfm/scene/frame_lens.h"
 #include "raysfm/scene/worlds.h"
@@ -60,10 +61,13 @@ bool surely_changes(const Reconstruction& r) {
     logs.push_back(std::log(focal));
     sigmas.push_back(lens.sigma[0] / focal);
   }
-  double mean = 0, square = 0;
-  for (const double l : logs) mean += l / static_cast<double>(logs.size());
-  for (const double l : logs) square += std::pow(l - mean, 2) / static_cast<double>(logs.size());
-  return std::sqrt(square) > std::max(kLeastSpread, kSurelyChanges * median_of(&sigmas));
+  return standard_deviation(logs) > std::max(kLeastSpread, kSurelyChanges * median_of(&sigmas));
+}
+
+// Whether the focal lengths of a video that was tracked with the zoom undone are all the same.
+bool has_one_lens(const Reconstruction& r) {
+  const FocalRange range = focal_range(r);
+  return range.most < (1 + kLeastSpread) * range.least;
 }
 
 }  // namespace
@@ -145,7 +149,8 @@ std::optional<TrackResult> better_by_zoom(const TrackSettings& settings, const T
   std::optional<TrackResult> other;
   if (route == ZoomRoute::kSolveThenMap) other = solved_zoom(settings, callbacks);
   if (!is_better(other) && !callbacks.stopped()) other = tracked_through_zoom(tracked, settings, callbacks);
-  if (!is_better(other) && !callbacks.stopped() && route == ZoomRoute::kMapThenSolve)
+  const bool is_settled = other && has_one_lens(other->reconstruction);
+  if (!is_better(other) && !is_settled && !callbacks.stopped() && route == ZoomRoute::kMapThenSolve)
     other = solved_zoom(settings, callbacks);
   return is_better(other) ? std::move(other) : std::nullopt;
 }
