@@ -38,6 +38,10 @@ constexpr float kMinFeatureShare = 0.3f;  // M as a part of the corners, where t
 // and how far, as a part of the image's longer side, corners must have moved for a single camera, and how
 // much farther for another try.
 constexpr int kPatience = 15, kBetweenTries = 5;
+// Of the corners that are followed: more stay within so many pixels of their octave; and of the places with
+// such corners, in more of them most have moved far.
+constexpr float kStays = 1;
+constexpr double kMostStays = 0.5, kSomePlaces = 0.1;
 constexpr float kMotionForTry = 0.03f, kFartherForTry = 1.25f;
 constexpr size_t kNewViews = 8;     // of those that wait: they are never released
 constexpr size_t kCoarseShare = 4;  // of what they may take, which coarser images may take beside
@@ -117,15 +121,43 @@ std::optional<Start> Starter::push(ViewPtr view, Mapper& mapper) {
 }
 
 // Where matches stay for long: a rig's cameras see to all sides, a single one moves slowly.
-bool Starter::is_worth_a_try(int current) {
-  const int waited = current - first_;
-  if (waited < kPatience || waited % kBetweenTries != 0) return false;
+bool Starter::is_worth_a_try() {
   if (rig_.size() > 1) return true;
   const float moved = from_first_[0].median_displacement();
   const float wanted = kMotionForTry * static_cast<float>(rig_.camera(0).longer_side());
   if (moved < std::max(wanted, kFartherForTry * tried_at_)) return false;
   tried_at_ = moved;
   return true;
+}
+
+// Whether a camera sees most corners stay where they were, and only such that moved far in some parts of its
+// image: of the rest a bonnet or a picture laid over the film has the stronger corners, or the camera stands
+// and others pass.
+bool Starter::stays_but_in_places(const View& view) const {
+  for (size_t c = 0; c < from_first_.size(); ++c) {
+    const PairTracker& tracker = from_first_[c];
+    const std::vector<int>& matches = tracker.matches(tracker.views() - 1);
+    const float far = kMotionForTry * static_cast<float>(rig_.camera(static_cast<int>(c)).longer_side());
+    std::array<int, kPlacesAcross*kPlacesAcross> followed = {}, moved = {};
+    int all = 0, still = 0;
+    for (size_t f = 0; f < matches.size(); ++f) {
+      if (matches[f] < 0) continue;
+      const Eigen::Vector2f& before = tracker.base().features.pixels[f];
+      const float distance = (view.cameras[c].features.pixels[matches[f]] - before).norm();
+      const int place = place_in_image(static_cast<int>(c), before);
+      ++all;
+      ++followed[place];
+      still += distance < kStays * octave_side(tracker.base().features.octaves[f]);
+      moved[place] += distance > far;
+    }
+    int places = 0, moved_places = 0;
+    for (size_t k = 0; k < followed.size(); ++k) {
+      places += followed[k] > 0;
+      moved_places += 2 * moved[k] > followed[k];
+    }
+    if (still > kMostStays * all && moved_places > kSomePlaces * places) return true;
+  }
+  return false;
 }
 
 // Whether motion draws out the images of a camera farther in one of the views than in another. The ends of
@@ -271,9 +303,12 @@ std::optional<Start> Starter::step(Mapper& mapper) {
   }
   const int with_first = advance(from_first_, view);
   if (second_ < 0) {
+    const int waited = current - first_;
+    const bool is_time = waited >= kPatience && waited % kBetweenTries == 0;
+    is_crowded_ = is_crowded_ || (is_time && stays_but_in_places(*view));
     if (with_first >= enough(options_.min_matches))
-      return is_worth_a_try(current) ? attempt(kept_near((first_ + current) / 2), current, false, mapper)
-                                     : std::nullopt;
+      return is_time && is_worth_a_try() ? attempt(kept_near((first_ + current) / 2), current, false, mapper)
+                                         : std::nullopt;
     second_ = kept_near(sharpest_until(std::max(current - 1, first_ + 1), first_));
     from_second_ = trackers_from(views_[second_].view, kSampled);
     if (second_ == current) return std::nullopt;
@@ -398,14 +433,16 @@ double Starter::median_octave_side(const std::vector<Match>& matches) {
   return median_of(&sides);
 }
 
-// The part of the image that a match begins in.
+// The part of a camera's image that a pixel lies in.
+int Starter::place_in_image(int camera, const Eigen::Vector2f& pixel) const {
+  const float side = static_cast<float>(rig_.camera(camera).longer_side()) / kPlacesAcross;
+  const auto along = [&](float at) { return std::clamp(static_cast<int>(at / side), 0, kPlacesAcross - 1); };
+  return along(pixel.y()) * kPlacesAcross + along(pixel.x());
+}
+
+// That a match begins in, of the images of all cameras.
 int Starter::place_of(const Match& match) const {
-  const float side = static_cast<float>(rig_.camera(match.camera).longer_side()) / kPlacesAcross;
-  const auto along = [&](float pixel) {
-    return std::clamp(static_cast<int>(pixel / side), 0, kPlacesAcross - 1);
-  };
-  const Eigen::Vector2f& pixel = match.seen[0].pixel;
-  return (match.camera * kPlacesAcross + along(pixel.y())) * kPlacesAcross + along(pixel.x());
+  return match.camera * kPlacesAcross * kPlacesAcross + place_in_image(match.camera, match.seen[0].pixel);
 }
 
 FairStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {

@@ -91,9 +91,10 @@ class Starter {
   }
 
  private:
-  bool is_worth_a_try(int current);
+  bool is_worth_a_try();
   int kept_near(int view) const;
   int sharpest_until(int view, int after) const;
+  bool stays_but_in_places(const View& view) const;
   bool blur_changes(const std::array<int, 3>& views) const;
   void release_views();
   void release_coarse();
@@ -121,6 +122,7 @@ class Starter {
   const Eigen::Vector2f* corner_in(int camera, int corner, int view) const;
   void find_across(const ViewPtr& first, std::vector<Match>* matches);
   static double median_octave_side(const std::vector<Match>& matches);
+  int place_in_image(int camera, const Eigen::Vector2f& pixel) const;
   int place_of(const Match& match) const;
   FairStart estimate(const std::vector<Match>& matches, uint64_t stream) const;
   std::optional<Start> build(const std::array<int, 3>& views, const std::vector<Match>& matches,

@@ -125,12 +125,16 @@ std::vector<int> FixedMarks::unmarked(const CameraView& view, int camera) const 
   return which;
 }
 
-// Some of each cell, others at another time.
+// Some of each cell, others at another time. Where something has stayed for some steps, that has no say in
+// whether the rest has moved: a bonnet may have most of the corners.
 void FixedMarks::take_base(const View& view, int c, Watched* camera) const {
   const CameraView& seen = view.cameras[c];
   const CellGrid cells(seen.width, seen.height);
   std::vector<int> all = unmarked(seen, c), in_cell(cells.count()), which;
   constexpr ptrdiff_t kStride = 37;  // corners are in the order of their octaves and places
+  if (is_in_doubt()) {
+    for (const Suspect& s : camera->suspects) in_cell[cells.at(s.pixel)] = kMostInCell;
+  }
   if (!all.empty()) std::rotate(all.begin(), all.begin() + view.frame * kStride % std::ssize(all), all.end());
   for (const int f : all) {
     if (++in_cell[cells.at(seen.features.pixels[f])] <= kMostInCell) which.push_back(f);

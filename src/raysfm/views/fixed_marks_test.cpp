@@ -94,7 +94,7 @@ constexpr int kRound = 20;  // frames, each a step
 
 // A wall that moves by so much from frame to frame, behind something that stays where `in_front` says so.
 template <typename InFront>
-ViewPtr wall_behind(int width, int height, int frame, const InFront& in_front) {
+GrayImage image_behind(int width, int height, int frame, const InFront& in_front) {
   static const Texture wall(4, 6, 30, 40), front(9, 4, 8, 50);
   static GrayImage still;
   if (still.width() != width) {
@@ -108,7 +108,12 @@ ViewPtr wall_behind(int width, int height, int frame, const InFront& in_front) {
       if (in_front(x, y)) image.row(y)[x] = still.row(y)[x];
     }
   }
-  return as_view(std::move(image), frame, 1500);
+  return image;
+}
+
+template <typename InFront>
+ViewPtr wall_behind(int width, int height, int frame, const InFront& in_front) {
+  return as_view(image_behind(width, height, frame, in_front), frame, 1500);
 }
 
 // A dashboard takes more of the corners than of a wide image.
@@ -125,6 +130,21 @@ TEST(FixedMarks, ManyCornersInOnePlaceCountNoMoreThanFewInAnother) {
   ASSERT_GT(on_dashboard(whole), 100);
   EXPECT_EQ(on_dashboard(rest), 0);
   EXPECT_GT(rest->cameras[0].features.size(), 100);
+}
+
+// What has stayed for a while is not asked whether the rest moves, of which there may be little to see.
+TEST(FixedMarks, AreFoundWhereTheyHaveMostOfTheImagesCorners) {
+  constexpr int kDashboard = 150, kSky = 60, kClear = 6;  // rows, and frames without a fog
+  FixedMarks marks;
+  for (int i = 0; i < 2 * kRound; ++i) {
+    GrayImage image = image_behind(kFilmWidth, kFilmHeight, i, [](int, int y) { return y >= kDashboard; });
+    for (int y = kSky; i >= kClear && y < kDashboard; ++y)
+      std::fill_n(image.row(y), kFilmWidth, uint8_t{128});
+    marks.watch(*as_view(std::move(image), i, 1500));
+  }
+  EXPECT_FALSE(marks.empty());
+  EXPECT_TRUE(marks.covers(0, {160, 200}));
+  EXPECT_FALSE(marks.covers(0, {160, 30}));
 }
 
 // People who walk before a camera that stands may hide half of the image, each part of it for a fifth of the
