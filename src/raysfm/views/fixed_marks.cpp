@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <span>
 
 namespace raysfm {
 namespace {
@@ -14,9 +15,11 @@ constexpr double kMovedCells = 0.5, kStillInCell = 0.25;
 // Pixels of the octave, and correlation: of a corner that may only have trembled, and of one that is the same
 // at the same place. Far points ahead of a car move little, but they tremble with it by more than that.
 constexpr float kTremble = 3, kAlike = 0.8f, kSamePlace = 0.3f, kSame = 0.9f;
-// Steps of a round, and the part of them in which a mark was found.
+// Steps of a round, and the part of them in which a mark was found, and in which one was that is at most so
+// many times its reach from such: compression changes some of what is laid over a film more than the rest.
 constexpr int kRoundSteps = 16;
-constexpr double kFound = 0.75;
+constexpr double kFound = 0.75, kFoundNear = 0.4;
+constexpr float kNear = 3;
 constexpr int kBeforeDoubt = 3;  // steps
 constexpr int kMostInCell = 4;   // corners that tell whether it moved
 // Fewer are chance.
@@ -133,7 +136,9 @@ void FixedMarks::take_base(const View& view, int c, Watched* camera) const {
   std::vector<int> all = unmarked(seen, c), in_cell(cells.count()), which;
   constexpr ptrdiff_t kStride = 37;  // corners are in the order of their octaves and places
   if (is_in_doubt()) {
-    for (const Suspect& s : camera->suspects) in_cell[cells.at(s.pixel)] = kMostInCell;
+    for (const Suspect& s : camera->suspects) {
+      if (is_strong(s)) in_cell[cells.at(s.pixel)] = kMostInCell;
+    }
   }
   if (!all.empty()) std::rotate(all.begin(), all.begin() + view.frame * kStride % std::ssize(all), all.end());
   for (const int f : all) {
@@ -173,13 +178,18 @@ bool FixedMarks::has_moved(const View& view) const {
   return true;
 }
 
+// It may still be a mark by itself.
+bool FixedMarks::is_strong(const Suspect& suspect) const {
+  return suspect.found >= kFound * steps_ - 1;
+}
+
 // What may still be a mark after one more step.
 void FixedMarks::keep_unmoved(const CameraView& view, Watched* camera) const {
   std::vector<int> which;
   for (int i = 0; i < static_cast<int>(camera->suspects.size()); ++i) {
     Suspect& s = camera->suspects[i];
     s.found += shows(view, s.pixel, s.octave, camera->patches, i, kSamePlace, kSame);
-    if (s.found >= kFound * steps_ - 1) which.push_back(i);
+    if (s.found >= kFoundNear * steps_ - 1) which.push_back(i);
   }
   if (which.size() == camera->suspects.size()) return;
   camera->suspects = some_of(camera->suspects, which);
@@ -199,7 +209,7 @@ bool FixedMarks::watch(const View& view) {
   for (size_t c = 0; c < cameras_.size(); ++c) {
     keep_unmoved(view.cameras[c], &cameras_[c]);
     take_base(view, static_cast<int>(c), &cameras_[c]);
-    suspects += cameras_[c].suspects.size();
+    suspects += std::ranges::count_if(cameras_[c].suspects, [&](const Suspect& s) { return is_strong(s); });
   }
   if (suspects < kLeastMarks) {
     begin_round(view);
@@ -213,13 +223,20 @@ bool FixedMarks::end_round(const View& view) {
   const std::vector<Mark> before = marks_;
   for (int c = 0; c < static_cast<int>(cameras_.size()); ++c) {
     const float reach = kReach * static_cast<float>(view.cameras[c].longer_side());
-    const auto is_near = [&](const Mark& m, const Eigen::Vector2f& pixel) {
-      return m.camera == c && (m.pixel - pixel).norm() < 0.5f * reach;
+    const auto is_within = [&](float distance, std::span<const Mark> marks, const Eigen::Vector2f& pixel) {
+      return std::ranges::any_of(
+          marks, [&](const Mark& m) { return m.camera == c && (m.pixel - pixel).norm() < distance; });
+    };
+    const auto add = [&](const Eigen::Vector2f& pixel) {
+      if (!is_within(0.5f * reach, marks_, pixel))
+        marks_.push_back({pixel, static_cast<uint8_t>(c), reach, view.frame});
     };
     for (const Suspect& s : cameras_[c].suspects) {
-      if (s.found < kFound * kRoundSteps) continue;
-      if (std::ranges::any_of(marks_, [&](const Mark& m) { return is_near(m, s.pixel); })) continue;
-      marks_.push_back({s.pixel, static_cast<uint8_t>(c), reach, view.frame});
+      if (s.found >= kFound * kRoundSteps) add(s.pixel);
+    }
+    const std::vector<Mark> sure = marks_;
+    for (const Suspect& s : cameras_[c].suspects) {
+      if (s.found >= kFoundNear * kRoundSteps && is_within(kNear * reach, sure, s.pixel)) add(s.pixel);
     }
   }
   if (part_of(view) > kMostMarked) marks_ = before;

@@ -82,6 +82,7 @@ class FixedMarks {
   std::vector<int> unmarked(const CameraView& view, int camera) const;
   void take_base(const View& view, int c, Watched* camera) const;
   bool has_moved(const View& view) const;
+  bool is_strong(const Suspect& suspect) const;
   void keep_unmoved(const CameraView& view, Watched* camera) const;
   bool end_round(const View& view);
 

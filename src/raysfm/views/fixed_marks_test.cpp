@@ -39,7 +39,7 @@ const GrayImage& wall_that_moved(const Eigen::Vector2d& moved) {
 }
 
 // A wall that has moved so far, with a label in front that stays.
-ViewPtr labelled_wall(const Eigen::Vector2d& moved, int frame, bool has_label = true) {
+GrayImage labelled_image(const Eigen::Vector2d& moved, bool has_label) {
   static const GrayImage label = render(Texture(9, 5, 20, 50), kFilmWidth, kFilmHeight,
                                         [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
   const GrayImage& wall = wall_that_moved(moved);
@@ -48,7 +48,11 @@ ViewPtr labelled_wall(const Eigen::Vector2d& moved, int frame, bool has_label = 
   for (int y = kTop; has_label && y <= kBottom; ++y) {
     std::copy_n(label.row(y) + kLeft, kRight - kLeft + 1, image.row(y) + kLeft);
   }
-  return as_view(std::move(image), frame);
+  return image;
+}
+
+ViewPtr labelled_wall(const Eigen::Vector2d& moved, int frame, bool has_label = true) {
+  return as_view(labelled_image(moved, has_label), frame);
 }
 
 // All of a film whose wall moves by so much from frame to frame.
@@ -88,6 +92,27 @@ TEST(FixedMarks, NothingIsLeftOutWhereAllMovesOrAllStands) {
   EXPECT_TRUE(watched({4, 1}, false).empty());
   EXPECT_TRUE(watched({0, 0}, true).empty()) << "a camera that stands sees nothing move";
   EXPECT_TRUE(watched({0.02, 0}, true).empty()) << "nearly";
+}
+
+// Compression draws a part of what is laid over a film anew, time and again.
+TEST(FixedMarks, GoOnWhereTheyAreSeenLessOften) {
+  constexpr int kFrames = 44, kFrom = 240, kTo = 275;  // columns, as they were in half of the frames
+  const GrayImage other = render(Texture(13, 5, 20, 50), kFilmWidth, kFilmHeight,
+                                 [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p; });
+  FixedMarks marks;
+  for (int i = 0; i < kFrames; ++i) {
+    GrayImage image = labelled_image(i * Eigen::Vector2d(4, 1), true);
+    for (int y = kTop; i / 2 % 2 == 1 && y <= kBottom; ++y)
+      std::copy_n(other.row(y) + kFrom, kTo - kFrom, image.row(y) + kFrom);
+    marks.watch(*as_view(std::move(image), i));
+  }
+  const ViewPtr rest = marks.without(labelled_wall({500, 100}, kFilmFrames));
+  const CameraView& left = rest->cameras[0];
+  const auto on_rest = [](const Eigen::Vector2f& p) {
+    return on_label(p, -kRim) && p.x() > kFrom + kRim && p.x() < kTo - kRim;
+  };
+  EXPECT_EQ(std::ranges::count_if(left.features.pixels, on_rest), 0);
+  EXPECT_GT(left.features.size(), 100);
 }
 
 constexpr int kRound = 20;  // frames, each a step
