@@ -44,14 +44,15 @@ void copy_luma(const AVFrame& frame, const AVPixFmtDescriptor& format, GrayImage
   const bool full = is_full_range(frame, format);
   const int64_t low = full ? 0 : int64_t{16} << (luma.depth - 8);
   const int64_t high = full ? (int64_t{1} << luma.depth) - 1 : int64_t{235} << (luma.depth - 8);
-  std::vector<uint8_t> table(size_t{1} << luma.depth);
+  const bool is_side_by_side = luma.depth == 8 && luma.step == 1;
+  std::vector<uint8_t> table(is_side_by_side ? 0 : size_t{1} << luma.depth);
   for (size_t i = 0; i < table.size(); ++i) table[i] = stretched_level(static_cast<int64_t>(i), low, high);
   for (int y = 0; y < frame.height; ++y) {
     const uint8_t* in = frame.data[luma.plane] + ptrdiff_t{y} * frame.linesize[luma.plane] + luma.offset;
     uint8_t* out = gray->row(y);
-    if (luma.depth == 8 && luma.step == 1 && full) {
+    if (is_side_by_side && full) {
       std::memcpy(out, in, frame.width);
-    } else if (luma.depth == 8 && luma.step == 1) {
+    } else if (is_side_by_side) {
       stretch_luma(in, frame.width, out);
     } else if (luma.depth == 8) {
       for (int x = 0; x < frame.width; ++x) out[x] = table[in[ptrdiff_t{x} * luma.step]];

@@ -27,7 +27,7 @@ constexpr double kMinSignificance = 28;
 constexpr double kLeastSignificance = 10, kBeyondFrameMotion = 1.5;
 constexpr int kWeakSpans = 5;
 // The places of the image that count alike, along its longer side.
-constexpr int kPlacesAcross = 12;
+constexpr int kPlacesAcross = 12, kPlaces = kPlacesAcross * kPlacesAcross;
 // Of the image: another motion that explains more says that much moves in it.
 constexpr double kCrowdedShare = 0.15;
 // Spans that are tried where no motion explains enough of the longest one, and frames of the shortest.
@@ -138,7 +138,7 @@ bool Starter::stays_but_in_places(const View& view) const {
     const PairTracker& tracker = from_first_[c];
     const std::vector<int>& matches = tracker.matches(tracker.views() - 1);
     const float far = kMotionForTry * static_cast<float>(rig_.camera(static_cast<int>(c)).longer_side());
-    std::array<int, kPlacesAcross*kPlacesAcross> followed = {}, moved = {};
+    std::array<int, kPlaces> followed = {}, moved = {};
     int all = 0, still = 0;
     for (size_t f = 0; f < matches.size(); ++f) {
       if (matches[f] < 0) continue;
@@ -442,7 +442,7 @@ int Starter::place_in_image(int camera, const Eigen::Vector2f& pixel) const {
 
 // That a match begins in, of the images of all cameras.
 int Starter::place_of(const Match& match) const {
-  return match.camera * kPlacesAcross * kPlacesAcross + place_in_image(match.camera, match.seen[0].pixel);
+  return match.camera * kPlaces + place_in_image(match.camera, match.seen[0].pixel);
 }
 
 FairStart Starter::estimate(const std::vector<Match>& matches, uint64_t stream) const {
