@@ -371,6 +371,18 @@ cameras:
         self.assertEqual(judged["coverage"], 1)
         self.assertLess(judged["ate"]["mean"], 0.001 * judged["length_m"])
 
+    def test_drives_with_a_rolling_shutter(self):
+        """Adjusted as a whole, the map of a drive is bent by matches that are wrong by less than an inlier may be."""
+        errors = []
+        for seed in (1, 4):
+            judged = self.film_judged("model: pinhole, resolution: [320, 240], intrinsics: {fx: 260, fy: 260, cx: 159.5, cy: 119.5}",
+                                      "town", "--motion", "drive", "--fps", 10, "--frames", 120, "--length", 60, "--noise", 2,
+                                      "--readout", 33, "--seed", seed, told=True)
+            errors.append(judged["ate"]["mean"] / judged["length_m"])
+            shutil.rmtree(self.folder / "film")
+            shutil.rmtree(self.out)
+        self.assertLess(sum(errors) / 2, 0.0003)
+
     def test_a_wide_lens_held_upright(self):
         """Of a phone that looks about, with a rolling shutter; nobody tells what it is."""
         judged = self.film_judged("model: kannala-brandt, resolution: [450, 800], "

@@ -63,7 +63,7 @@ void Odometry::finish_maps(bool final_adjustment) {
   for (int s = 0; s < worlds; ++s) {
     if (segments_[s].joined_into >= 0) continue;
     find_scale(s, deviations);
-    if (segments_[s].closed) adjust_to_noise(s);
+    if (segments_[s].closed || rig_.scans()) adjust_to_noise(s);
   }
 }
 
@@ -77,8 +77,8 @@ void Odometry::adjust_finally(int number) {
   });
 }
 
-// A map that is held together no longer follows its weak directions, and what is left of its error comes from
-// matches that are wrong by less than an inlier may be.
+// What is left of the error of a map that was adjusted as a whole comes from matches that are wrong by less
+// than an inlier may be: where loops hold it together, and where a shutter rolls.
 void Odometry::adjust_to_noise(int number) {
   adjust(number, [&](Map* map) { mapper_.adjust_to_noise(map); });
 }
