@@ -196,6 +196,12 @@ def percent(run):
     return 100 * run["mean_m"] / run["length_m"] if "mean_m" in run else None
 
 
+def mean_percent(runs):
+    """None where one of them has no error."""
+    errors = [percent(run) for run in runs]
+    return None if None in errors else statistics.mean(errors)
+
+
 def ratio(a, b):
     return a / b if a is not None and b else None
 
@@ -225,11 +231,11 @@ def scan_row(motion, readout, results):
         return f"| {motion} | {readout} | not yet run |" + " |" * 5
     cells = []
     for name in ("without", "with"):
-        failed = [run[name] for run in [*runs, *twins] if "message" in run[name]]
+        failed = [run[name] for run in runs if "message" in run[name]]
         if failed:
             cells += [failed[0]["message"].split(": ", 2)[-1].split(";")[0], "", ""]
             continue
-        a, b = (statistics.mean(percent(run[name]) for run in of) for of in (runs, twins))
+        a, b = (mean_percent(run[name] for run in of) for of in (runs, twins))
         found = [run[name]["readout_ms"] for run in runs]
         cells += [f"{min(found):.1f} to {max(found):.1f}", number(a, 3), number(ratio(a, b))]
     return f"| {motion} | {readout} | " + " | ".join(cells) + " |"
