@@ -11,6 +11,7 @@ SETTINGS = {
     "without blur": ["--without", "blur"],
     "without earlier": ["--without", "earlier"],
     "without keyframes": ["--without", "keyframes"],
+    "without noise": ["--without", "noise"],
     "without parallax": ["--without", "parallax"],
     "without surfaces": ["--without", "surfaces"],
     "without turning": ["--without", "turning"],

@@ -104,7 +104,7 @@ std::vector<SettingField> setting_fields(TrackSettings& s) {
        {"none", "lba09"}},
       {"without",
        "what to leave out of what the paper does not have, separated by commas: blur, earlier, keyframes, "
-       "parallax, surfaces, turning",
+       "noise, parallax, surfaces, turning",
        &s.without,
        {}},
       {"paper-window",

@@ -7,6 +7,7 @@
 
 #include "raysfm/bundle/hierarchy.h"
 #include "raysfm/bundle/problem_cost.h"
+#include "raysfm/bundle/residual.h"
 #include "support/bundle_scene.h"
 
 namespace raysfm {
@@ -230,6 +231,52 @@ TEST(AdjustThinned, ContradictionsAreRefused) {
       adjust_thinned(adjuster, scene.problem(), kThinnedSteps, kThinnedSteps, 2.0, kPerPose).termination,
       Termination::kInvalidProblem);
   EXPECT_EQ(scene.poses[5].translation, before.translation);
+}
+
+// At the truth but for what moves, with every seventh match wrong by less than an inlier may be.
+BundleScene with_wrong_matches(double noise, double pose_error) {
+  BundleScene scene = make_bundle_scene(
+      {.noise_px = noise, .pose_error = pose_error, .point_error = 5 * pose_error, .seed = 3});
+  for (size_t i = 0; i < scene.observations.size(); i += 7) scene.observations[i].pixel.x() += 1.5;
+  return scene;
+}
+
+// The farthest that a pose is from its place.
+double worst_place(const BundleScene& scene) {
+  double worst = 0;
+  for (size_t i = 0; i < scene.poses.size(); ++i) {
+    worst = std::max(
+        worst, (scene.poses[i].inverse().translation - scene.true_poses[i].inverse().translation).norm());
+  }
+  return worst;
+}
+
+TEST(LossForNoise, IsThreeStandardDeviationsWideWithinBounds) {
+  for (const double noise : {0.06, 0.1, 0.2}) {
+    BundleScene scene = with_wrong_matches(noise, 0);
+    // Of the right ones the median is the 7/12 quantile: sqrt(log(12 / 5) / log(2)) of the noise.
+    EXPECT_NEAR(noise_of(scene.problem()), 1.124 * noise, 0.08 * noise);
+    EXPECT_EQ(loss_for_noise(scene.problem()).kind, RobustLoss::Kind::kHuber);
+    EXPECT_DOUBLE_EQ(loss_for_noise(scene.problem()).scale, 3 * noise_of(scene.problem()));
+    for (size_t i = 0; i < scene.is_inlier.size(); i += 7) scene.is_inlier[i] = 0;
+    EXPECT_NEAR(noise_of(scene.problem()), noise, 0.05 * noise);
+  }
+  BundleScene sharp = with_wrong_matches(0.001, 0), blurred = with_wrong_matches(0.6, 0);
+  EXPECT_DOUBLE_EQ(loss_for_noise(sharp.problem()).scale, 0.1);
+  EXPECT_DOUBLE_EQ(loss_for_noise(blurred.problem()).scale, 1);
+  std::ranges::fill(sharp.is_inlier, uint8_t{0});
+  EXPECT_EQ(noise_of(sharp.problem()), 0);
+}
+
+TEST(LossForNoise, MatchesThatAreWrongByLittlePullLess) {
+  const auto error = [](bool by_noise) {
+    BundleScene scene = with_wrong_matches(0.05, 1e-4);
+    BundleOptions options{.loss = {RobustLoss::Kind::kHuber, 1.0}, .max_iterations = 50};
+    if (by_noise) options.loss = loss_for_noise(scene.problem());
+    BundleAdjuster().adjust(scene.problem(), options);
+    return worst_place(scene);
+  };
+  EXPECT_LT(error(true), 0.5 * error(false));
 }
 
 }  // namespace

@@ -1,6 +1,10 @@
 #include "raysfm/bundle/residual.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "raysfm/core/median.h"
 
 namespace raysfm {
 
@@ -74,6 +78,25 @@ bool ProblemResiduals::operator()(int observation, Eigen::Vector2d* residual) co
   const BalLens lens = problem_.lenses.empty() ? BalLens{} : problem_.lenses[o.pose];
   return residual_in_frame(problem_, observation, lens,
                            frame.rotation * problem_.points[o.point] + frame.translation, residual);
+}
+
+double noise_of(const BundleProblem& problem) {
+  ProblemResiduals residuals;
+  residuals.load(problem);
+  std::vector<double> squared;
+  squared.reserve(problem.observations.size());
+  for (size_t i = 0; i < problem.observations.size(); ++i) {
+    Eigen::Vector2d residual;
+    if (problem.uses(i) && residuals(static_cast<int>(i), &residual))
+      squared.push_back(residual.squaredNorm());
+  }
+  return std::sqrt(median_of(&squared) / (2 * std::numbers::ln2));
+}
+
+RobustLoss loss_for_noise(const BundleProblem& problem) {
+  constexpr double kBegins = 3;  // standard deviations
+  constexpr double kNarrowest = 0.1, kWidest = 1;
+  return {RobustLoss::Kind::kHuber, std::clamp(kBegins * noise_of(problem), kNarrowest, kWidest)};
 }
 
 double truncated_cost(const BundleProblem& problem, double most) {

@@ -39,6 +39,14 @@ class ProblemResiduals {
 // or that there is none of, costs as much as one of that length.
 double truncated_cost(const BundleProblem& problem, double most);
 
+// Standard deviation of the residuals of the observations in use, from their median (that of the squared
+// length of two normal numbers is 2 ln 2); 0 where there are none.
+double noise_of(const BundleProblem& problem);
+
+// Huber's loss as wide as suits that noise. Matches that are wrong by less than an inlier may be pull at a
+// map as hard as a loss of a whole pixel lets them, beside a noise of a tenth of one.
+RobustLoss loss_for_noise(const BundleProblem& problem);
+
 // Residual of a lens, alone.
 bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, const Eigen::Vector2d& pixel,
                    Eigen::Vector2d* residual);

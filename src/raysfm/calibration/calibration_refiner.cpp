@@ -8,6 +8,7 @@
 #include <string>
 
 #include "raysfm/bundle/bundle_adjuster.h"
+#include "raysfm/bundle/residual.h"
 #include "raysfm/camera/model_check.h"
 #include "raysfm/features/octaves.h"
 
@@ -41,6 +42,12 @@ constexpr double kZoom = 0.05, kSurelyZoomed = 5;
 // Standard deviations of a readout in a short stretch that speak of one.
 constexpr double kSurelyScanned = 4;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
+
+BundleOptions by_noise(const BundleProblem& problem) {
+  BundleOptions options = kMeasure;
+  options.loss = loss_for_noise(problem);
+  return options;
+}
 
 // Of each track the observations in key frames [begin, end) that see its point where it is.
 std::vector<int> count_seen(const Map& map, int begin, int end) {
@@ -178,7 +185,8 @@ void CalibrationRefiner::gather(const TrackingRig& rig, const Map& map, const Mo
 
 CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingRig& rig, int world,
                                                                  const Map& map, const MotionOf& motion_of,
-                                                                 int begin, int end, int points) {
+                                                                 int begin, int end, int points,
+                                                                 Measure measure) {
   gather(rig, map, motion_of, begin, end, points);
   const BundleProblem problem{.cameras = rig.cameras(),
                               .rig_from_world = poses_,
@@ -193,7 +201,8 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
                               .scale_prior = {}};
   update_inliers(problem, kMostError);
   std::optional<CalibrationEvidence> evidence =
-      measure_calibration(problem, kMeasure, parameters_, values_, rig.weight(), velocities_);
+      measure_calibration(problem, measure == Measure::kByNoise ? by_noise(problem) : kMeasure, parameters_,
+                          values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
   return {world, begin, end, end - begin, map.rescaled, *std::move(evidence)};
 }
@@ -272,8 +281,8 @@ std::vector<CalibrationRefiner::Stretch> CalibrationRefiner::short_stretches(con
                                                                              int end) {
   std::vector<Stretch> stretches;
   for (int begin = 0; end - begin >= kLeastStretch; begin += kFirst)
-    stretches.push_back(
-        measured_stretch(rig, world, map, motion_of, begin, std::min(begin + kFirst, end), kPoints));
+    stretches.push_back(measured_stretch(rig, world, map, motion_of, begin, std::min(begin + kFirst, end),
+                                         kPoints, Measure::kByNoise));
   return stretches;
 }
 

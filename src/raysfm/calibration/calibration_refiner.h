@@ -142,8 +142,9 @@ class CalibrationRefiner {
   void choose_points(const Map& map, int begin, int end, int usual);
   std::vector<Stretch> short_stretches(const TrackingRig& rig, int world, const Map& map,
                                        const MotionOf& motion_of, int end);
+  enum class Measure : uint8_t { kEven, kByNoise };
   Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const MotionOf& motion_of,
-                           int begin, int end, int points);
+                           int begin, int end, int points, Measure measure = Measure::kEven);
 
   LensRefinement how_;
   RigParameters parameters_;

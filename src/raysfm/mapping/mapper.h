@@ -125,6 +125,7 @@ class Mapper {
   ScalePrior present_extent() const;
   bool take_rival(Rival rival);
   double weigh_rival(Rival rival, const Map& map);
+  RobustLoss loss_of(const BundleProblem& problem) const;
   void adapt_window(const BundleProblem& problem, Adaption how);
   void scatter(int first_free, Map* map);
   bool is_adjustment_due(Adjusting adjusting, int keyframes) const;

@@ -1,12 +1,10 @@
 // How a map is adjusted.
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "raysfm/bundle/bundle_methods.h"
 #include "raysfm/bundle/hierarchy.h"
 #include "raysfm/bundle/residual.h"
-#include "raysfm/core/median.h"
 #include "raysfm/mapping/mapper.h"
 
 namespace raysfm {
@@ -53,23 +51,14 @@ constexpr double kWorst = kInlierError * kInlierError;
 // points.
 constexpr double kMostlyOff = 0.95;
 
-BundleOptions settling(BundleOptions options) {
-  options.settled = kSettled;
+BundleOptions with(const RobustLoss& loss, BundleOptions options) {
+  options.loss = loss;
   return options;
 }
 
-// Standard deviation of the residuals of inliers, from their median: that of the squared length of two normal
-// numbers is 2 ln 2.
-double noise_of(const BundleProblem& problem) {
-  ProblemResiduals residuals;
-  residuals.load(problem);
-  std::vector<double> squared;
-  for (size_t i = 0; i < problem.observations.size(); ++i) {
-    Eigen::Vector2d residual;
-    if (problem.uses(i) && residuals(static_cast<int>(i), &residual))
-      squared.push_back(residual.squaredNorm());
-  }
-  return std::sqrt(median_of(&squared) / (2 * std::numbers::ln2));
+BundleOptions settling(BundleOptions options) {
+  options.settled = kSettled;
+  return options;
 }
 
 }  // namespace
@@ -191,10 +180,16 @@ void Mapper::scatter(int first_free, Map* map) {
   }
 }
 
+RobustLoss Mapper::loss_of(const BundleProblem& problem) const {
+  return options_.departures.noise ? loss_for_noise(problem) : kLoss;
+}
+
 void Mapper::adjust(const LocalWindow& window, const BundleOptions& first, const BundleOptions& second,
                     Map* map) {
   gather(map, window.first_observed, window.first_free);
-  adjuster_.adjust_two_stage(window_problem(*map), first, second, kInlierError);
+  const BundleProblem problem = window_problem(*map);
+  const RobustLoss loss = loss_of(problem);
+  adjuster_.adjust_two_stage(problem, with(loss, first), with(loss, second), kInlierError);
   scatter(window.first_free, map);
 }
 
@@ -220,22 +215,27 @@ void Mapper::adjust_locally(Map* map) {
 }
 
 void Mapper::adapt_window(const BundleProblem& problem, Adaption how) {
+  const RobustLoss loss = loss_of(problem);
+  const auto by_noise = [&](const BundleOptions& options) { return with(loss, options); };
   switch (how) {
     case Adaption::kThinned:
-      raysfm::adjust_thinned(adjuster_, problem, kAdaptionStep, kAdaptionStep, kInlierError, kAdaptedPoints);
+      raysfm::adjust_thinned(adjuster_, problem, by_noise(kAdaptionStep), by_noise(kAdaptionStep),
+                             kInlierError, kAdaptedPoints);
       break;
     case Adaption::kTwoSeriesThinned:
-      raysfm::adjust_thinned(adjuster_, problem, kFirstAdaption, kAdaption, kInlierError, kThinnedPoints);
+      raysfm::adjust_thinned(adjuster_, problem, by_noise(kFirstAdaption), by_noise(kAdaption), kInlierError,
+                             kThinnedPoints);
       break;
     case Adaption::kTwoSeries:
-      adjuster_.adjust_two_stage(problem, kFirstAdaption, kAdaption, kInlierError);
+      adjuster_.adjust_two_stage(problem, by_noise(kFirstAdaption), by_noise(kAdaption), kInlierError);
       break;
     case Adaption::kToTheEnd:
-      adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
+      adjuster_.adjust_two_stage(problem, by_noise(kFirstWholeAdaption), by_noise(kWholeAdaption),
+                                 kInlierError);
       break;
     case Adaption::kUntilSettled:
-      adjuster_.adjust_two_stage(problem, settling(kFirstWholeAdaption), settling(kWholeAdaption),
-                                 kInlierError);
+      adjuster_.adjust_two_stage(problem, by_noise(settling(kFirstWholeAdaption)),
+                                 by_noise(settling(kWholeAdaption)), kInlierError);
       break;
   }
 }
@@ -281,8 +281,9 @@ void Mapper::adjust_thinned(Map* map) {
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
   if (rig_.central()) problem.scale_prior = present_extent();
-  raysfm::adjust_thinned(adjuster_, problem, settling(kFirstAdaption), settling(kAdaption), kInlierError,
-                         kThinnedPoints);
+  const RobustLoss loss = loss_of(problem);
+  raysfm::adjust_thinned(adjuster_, problem, with(loss, settling(kFirstAdaption)),
+                         with(loss, settling(kAdaption)), kInlierError, kThinnedPoints);
   scatter(0, map);
   release_scratch(*map);
 }
@@ -306,11 +307,13 @@ void Mapper::adjust_hierarchically(Map* map) {
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
-  merge_pieces(problem, kAdjustment, {});
+  const RobustLoss loss = loss_of(problem);
+  merge_pieces(problem, with(loss, kAdjustment), {});
   // Pieces are joined as well as the few points at their ends tell: what that bent is along the weakest
   // directions. With damping, kitti00-small kept 0.4 m of it.
   if (rig_.central()) problem.scale_prior = present_extent();
-  adjuster_.adjust_two_stage(problem, kFirstWholeAdaption, kWholeAdaption, kInlierError);
+  adjuster_.adjust_two_stage(problem, with(loss, kFirstWholeAdaption), with(loss, kWholeAdaption),
+                             kInlierError);
   scatter(0, map);
   release_scratch(*map);
 }

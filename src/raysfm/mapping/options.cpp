@@ -20,14 +20,16 @@ Result<void> at_least(const char* field, int value, int least) {
 Result<void> leave_out(std::string_view names, Departures* departures) {
   static constexpr std::pair<std::string_view, bool Departures::*> kNames[] = {
       {"blur", &Departures::blur},           {"earlier", &Departures::earlier},
-      {"keyframes", &Departures::keyframes}, {"parallax", &Departures::parallax},
-      {"surfaces", &Departures::surfaces},   {"turning", &Departures::turning}};
+      {"keyframes", &Departures::keyframes}, {"noise", &Departures::noise},
+      {"parallax", &Departures::parallax},   {"surfaces", &Departures::surfaces},
+      {"turning", &Departures::turning}};
   while (!names.empty()) {
     const std::string_view name = names.substr(0, names.find(','));
     const auto found = std::ranges::find(kNames, name, [](const auto& known) { return known.first; });
     if (found == std::end(kNames)) {
       return bad_input(fmt::format(
-          "--without = {}: must be some of blur, earlier, keyframes, parallax, surfaces, turning", name));
+          "--without = {}: must be some of blur, earlier, keyframes, noise, parallax, surfaces, turning",
+          name));
     }
     departures->*found->second = false;
     names.remove_prefix(std::min(names.size(), name.size() + 1));

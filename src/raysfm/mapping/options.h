@@ -23,6 +23,7 @@ struct Departures {
   bool blur = true;       // views that moved while they were exposed are followed by larger patches
   bool earlier = true;    // views before those of a start become key frames too
   bool keyframes = true;  // a key frame is due once the camera has moved, beside the rules of 2.4
+  bool noise = true;      // adjustments are by a loss as wide as suits the noise
   bool parallax = true;   // points of little parallax wait for more of it
   bool surfaces = true;   // patches are deformed as the surfaces about them lie
   bool turning = true;    // what only turns where nothing is known keeps its orientation
@@ -31,7 +32,7 @@ struct Departures {
 // Leaves out those named, separated by commas. Errors: a name that is none, with those that are.
 Result<void> leave_out(std::string_view names, Departures* departures);
 // All of them.
-constexpr Departures kNoDepartures{false, false, false, false, false, false};
+constexpr Departures kNoDepartures{false, false, false, false, false, false, false};
 
 // Settings of the calibrated pipeline. The defaults are those of LBA09 where the paper gives one.
 struct OdometryOptions {

@@ -70,8 +70,9 @@ TEST(OdometryOptions, BoundsAreWhatTheyAreSaidToBe) {
 TEST(Departures, ThoseNamedAreLeftOut) {
   Departures some;
   ASSERT_TRUE(leave_out("", &some));
-  EXPECT_TRUE(some.blur && some.earlier && some.keyframes && some.parallax && some.surfaces && some.turning);
-  ASSERT_TRUE(leave_out("keyframes,turning", &some));
+  EXPECT_TRUE(some.blur && some.earlier && some.keyframes && some.noise && some.parallax && some.surfaces &&
+              some.turning);
+  ASSERT_TRUE(leave_out("keyframes,noise,turning", &some));
   EXPECT_TRUE(some.blur && some.earlier && some.parallax && some.surfaces);
   EXPECT_FALSE(some.keyframes || some.turning);
   for (const char* names : {"blurr", "blur,,parallax", "blur parallax"}) {
