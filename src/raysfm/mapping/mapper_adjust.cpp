@@ -322,8 +322,12 @@ void Mapper::measure_scale(ScaleEffort effort, Map* map, std::span<const Rig> de
   if (rig_.central()) return;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
-  const BundleOptions options = effort == ScaleEffort::kUntilSettled ? settling(kAdjustment) : kAdjustment;
-  raysfm::measure_scale({options, effort, deviations}, rig_, window_problem(*map), adjuster_, map);
+  const BundleProblem problem = window_problem(*map);
+  // One loss for all scales that are tried.
+  const BundleOptions options = with(loss_of(problem), kAdjustment);
+  raysfm::measure_scale(
+      {effort == ScaleEffort::kUntilSettled ? settling(options) : options, effort, deviations}, rig_, problem,
+      adjuster_, map);
   scatter(0, map);
   release_scratch(*map);
 }
