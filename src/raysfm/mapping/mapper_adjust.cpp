@@ -10,25 +10,26 @@
 namespace raysfm {
 namespace {
 
+// Where the noise is not asked for.
 constexpr RobustLoss kLoss{RobustLoss::Kind::kHuber, 1.0};
 // A window is near its minimum: two steps tell the outliers, and the second stage goes on from there. One
 // step does for accuracy but loses more of fr1-rpy; to end at a decrease of 1e-3 costs kitti00-small 5 %.
-const BundleOptions kFirstSteps{.loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-4};
-const BundleOptions kLocalAdjustment{.loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-4};
+const BundleOptions kFirstSteps{.max_iterations = 2, .min_relative_decrease = 1e-4};
+const BundleOptions kLocalAdjustment{.max_iterations = 5, .min_relative_decrease = 1e-4};
 // Another calibration moves a map along its weakest directions, such as the scale along a path: that costs
 // next to nothing and would take hundreds of steps if these were damped. With 1e-7 a path of 700 m kept half
 // of a drift of its scale, with 1e-9 to 1e-13 none of it.
 constexpr double kLittleDamping = 1e-10;
 const BundleOptions kAdaptionStep{
-    .loss = kLoss, .max_iterations = 1, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
+    .max_iterations = 1, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kFirstAdaption{
-    .loss = kLoss, .max_iterations = 2, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
+    .max_iterations = 2, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kAdaption{
-    .loss = kLoss, .max_iterations = 5, .min_relative_decrease = 1e-4, .initial_damping = kLittleDamping};
+    .max_iterations = 5, .min_relative_decrease = 1e-4, .initial_damping = kLittleDamping};
 const BundleOptions kFirstWholeAdaption{
-    .loss = kLoss, .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
+    .max_iterations = 20, .min_relative_decrease = 1e-3, .initial_damping = kLittleDamping};
 const BundleOptions kWholeAdaption{
-    .loss = kLoss, .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
+    .max_iterations = 50, .min_relative_decrease = 1e-5, .initial_damping = kLittleDamping};
 // Joint standard deviations of all poses, where small steps are those of points next to wrong matches. Only
 // where loops hold the scale along a path: where it is all but free, small steps go on in one direction
 // (kitti00-small ended at 0.51 % of the path in place of 0.15 after its last adjustment, at 0.32 after that

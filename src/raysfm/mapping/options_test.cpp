@@ -74,7 +74,7 @@ TEST(Departures, ThoseNamedAreLeftOut) {
               some.turning);
   ASSERT_TRUE(leave_out("keyframes,noise,turning", &some));
   EXPECT_TRUE(some.blur && some.earlier && some.parallax && some.surfaces);
-  EXPECT_FALSE(some.keyframes || some.turning);
+  EXPECT_FALSE(some.keyframes || some.noise || some.turning);
   for (const char* names : {"blurr", "blur,,parallax", "blur parallax"}) {
     const Result<void> refused = leave_out(names, &some);
     ASSERT_FALSE(refused) << names;
