@@ -16,7 +16,7 @@ namespace raysfm {
 namespace {
 
 // Another layout of the state is not read.
-constexpr std::string_view kCheckpointHeader = "raysfm checkpoint 7\n";
+constexpr std::string_view kCheckpointHeader = "raysfm checkpoint 8\n";
 constexpr double kLeastWaitMs = 1000, kShareOfTime = 0.02;
 
 uint32_t sum_of(uint32_t before, std::string_view bytes) {

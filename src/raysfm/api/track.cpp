@@ -156,7 +156,7 @@ TrackResult interrupted_before_start(const TrackSettings& settings, const Clock:
 
 // What a run tells beside its result.
 struct Aftermath {
-  int shutter_found_at = -1;  // frame; -1: none was found
+  int shutter_found_at = -1, lens_found_at = -1;  // frame; -1: none was found
   bool dropped_shutter = false;
   std::optional<SeenZoom> zoom;
   std::vector<LensDoubt> doubts;
@@ -206,6 +206,7 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   std::vector<Map> worlds;
   out.reconstruction = tracker.finish(settings.final != "none", maps->writer ? &worlds : nullptr);
   aftermath->shutter_found_at = tracker.shutter_found_at();
+  aftermath->lens_found_at = tracker.lens_found_at();
   if (auto r = save_maps(*maps, out.reconstruction, std::move(worlds)); !r) return r.error();
   out.reconstruction.range = settings.range;
   if (sources->lens_is_given() && !read->stopped) {
@@ -225,29 +226,57 @@ Result<TrackResult> track_cameras(TrackSettings settings, const TrackCallbacks& 
   return out;
 }
 
-// Where a rolling shutter was found only after most of the frames: these were posed without it, and what is
-// between key frames never hears of it. Or where one that was found is none. The footage tracked again, with
-// the readout that is known now.
-std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const TrackCallbacks& callbacks,
+// Whether a rolling shutter was found only after most of the frames: these were posed without it, and what is
+// between key frames never hears of it. Or one that was found is none.
+bool has_other_shutter(const Aftermath& aftermath, const Reconstruction& tracked) {
+  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
+  const bool is_late = aftermath.shutter_found_at >= 0 &&
+                       2 * aftermath.shutter_found_at >= std::ssize(tracked.frames) &&
+                       std::ranges::any_of(tracked.rig.cameras, scans);
+  return is_late || aftermath.dropped_shutter;
+}
+
+// Whether much of the map had come about, and was bent, before a much better lens was found. Once is enough.
+bool has_other_lens(const Aftermath& aftermath, const Sources& sources, const Reconstruction& tracked) {
+  return aftermath.lens_found_at >= 0 && 4 * aftermath.lens_found_at >= std::ssize(tracked.frames) &&
+         !sources.prior.is_found;
+}
+
+std::string why_again(const Aftermath& aftermath, bool is_for_shutter) {
+  if (aftermath.dropped_shutter) return "all is tracked again without a rolling shutter";
+  return fmt::format("a {} was found at frame {}: all is tracked again with it",
+                     is_for_shutter ? "rolling shutter" : "better calibration",
+                     is_for_shutter ? aftermath.shutter_found_at : aftermath.lens_found_at);
+}
+
+// What a second run began with was found by the first, of what it was given.
+void tell_as_given(const std::vector<CalibrationNumber>& first, std::vector<CalibrationNumber>* second) {
+  for (CalibrationNumber& now : *second) {
+    const auto before = std::ranges::find_if(
+        first, [&](const CalibrationNumber& n) { return n.camera == now.camera && n.name == now.name; });
+    if (before == first.end()) continue;
+    now.given = before->given;
+    now.significance = std::max(now.significance, before->significance);
+  }
+}
+
+// The footage tracked again with the cameras that are known now, where much of it was tracked with others.
+std::optional<TrackResult> with_known_cameras(const TrackSettings& given, const TrackCallbacks& callbacks,
                                               const Sources& sources, const Aftermath& aftermath,
                                               const TrackResult& tracked) {
   const Reconstruction& first = tracked.reconstruction;
-  const int found_at = aftermath.shutter_found_at;
-  const auto scans = [](const Camera& camera) { return camera.shutter.readout > 0; };
-  const bool is_late = found_at >= 0 && 2 * found_at >= std::ssize(first.frames) &&
-                       std::ranges::any_of(first.rig.cameras, scans);
+  const bool is_for_shutter = has_other_shutter(aftermath, first);
   const bool can_be_read_again =
       sources.input.layout != "device" && given.map.empty() && given.save_map.empty();
-  if (!(is_late || aftermath.dropped_shutter) || !can_be_read_again || callbacks.stopped())
+  if (!(is_for_shutter || has_other_lens(aftermath, sources, first)) || !can_be_read_again ||
+      callbacks.stopped())
     return std::nullopt;
-  tell(callbacks.event, Event::Level::kInfo,
-       aftermath.dropped_shutter
-           ? "all is tracked again without a rolling shutter"
-           : fmt::format("a rolling shutter was found at frame {}: all is tracked again with it", found_at));
-  // What a file says of a lens stands; what was found as if no shutter rolled does not.
-  const Rig& rig = sources.lens_is_given() ? sources.rig : first.rig;
-  FoundLens lens{rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
+  tell(callbacks.event, Event::Level::kInfo, why_again(aftermath, is_for_shutter));
+  FoundLens lens{sources.rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
   lens.zoom = sources.undone_zoom;
+  // What a file says of a lens stands beside a shutter; what was found as if none rolled does not.
+  if (!is_for_shutter || !sources.lens_is_given()) lens.rig = first.rig;
+  lens.prior.is_found = !is_for_shutter;
   if (aftermath.dropped_shutter) lens.prior.readout = 0;
   for (size_t c = 0; c < lens.rig.cameras.size(); ++c)
     lens.rig.cameras[c].shutter = first.rig.cameras[c].shutter;
@@ -262,6 +291,7 @@ std::optional<TrackResult> with_known_shutter(const TrackSettings& given, const 
   const bool loses_some =
       posed_count(second) < posed_count(first) || placed_count(second) < placed_count(first);
   if (loses_some || second.segments.size() > first.segments.size()) return std::nullopt;
+  if (!is_for_shutter) tell_as_given(first.calibration, &again->reconstruction.calibration);
   if (aftermath.dropped_shutter) {
     std::ranges::copy_if(first.calibration, std::back_inserter(again->reconstruction.calibration),
                          [](const CalibrationNumber& n) { return n.name.starts_with("readout"); });
@@ -378,7 +408,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (own) {
     tracked = *std::move(own);
     aftermath.zoom.reset();  // of the other lens
-  } else if (auto again = with_known_shutter(given, callbacks, *sources, aftermath, *tracked)) {
+  } else if (auto again = with_known_cameras(given, callbacks, *sources, aftermath, *tracked)) {
     tracked = *std::move(again);
   }
   if (!found) solved = with_zoom(given, callbacks, *sources, aftermath.zoom, &*tracked);

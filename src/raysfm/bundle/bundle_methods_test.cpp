@@ -258,6 +258,8 @@ TEST(LossForNoise, IsThreeStandardDeviationsWideWithinBounds) {
     EXPECT_NEAR(noise_of(scene.problem()), 1.124 * noise, 0.08 * noise);
     EXPECT_EQ(loss_for_noise(scene.problem()).kind, RobustLoss::Kind::kHuber);
     EXPECT_DOUBLE_EQ(loss_for_noise(scene.problem()).scale, 3 * noise_of(scene.problem()));
+    EXPECT_TRUE(redescending_loss_for_noise(scene.problem()).redescends());
+    EXPECT_DOUBLE_EQ(redescending_loss_for_noise(scene.problem()).scale, 4.685 * noise_of(scene.problem()));
     for (size_t i = 0; i < scene.is_inlier.size(); i += 7) scene.is_inlier[i] = 0;
     EXPECT_NEAR(noise_of(scene.problem()), noise, 0.05 * noise);
   }

@@ -99,6 +99,12 @@ RobustLoss loss_for_noise(const BundleProblem& problem) {
   return {RobustLoss::Kind::kHuber, std::clamp(kBegins * noise_of(problem), kNarrowest, kWidest)};
 }
 
+// 95 % of what least squares tell of pure noise are left (the usual constant of the biweight).
+RobustLoss redescending_loss_for_noise(const BundleProblem& problem) {
+  constexpr double kBiweight = 4.685, kLeastNoise = 0.01;
+  return {RobustLoss::Kind::kTukey, kBiweight * std::max(kLeastNoise, noise_of(problem))};
+}
+
 double truncated_cost(const BundleProblem& problem, double most) {
   ProblemResiduals residuals;
   residuals.load(problem);

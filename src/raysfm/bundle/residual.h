@@ -46,6 +46,8 @@ double noise_of(const BundleProblem& problem);
 // Huber's loss as wide as suits that noise. Matches that are wrong by less than an inlier may be pull at a
 // map as hard as a loss of a whole pixel lets them, beside a noise of a tenth of one.
 RobustLoss loss_for_noise(const BundleProblem& problem);
+// The same by Tukey's: beyond it nothing counts.
+RobustLoss redescending_loss_for_noise(const BundleProblem& problem);
 
 // Residual of a lens, alone.
 bool lens_residual(const BalLens& lens, const Eigen::Vector3d& point_in_cam, const Eigen::Vector2d& pixel,

@@ -180,6 +180,12 @@ void keep_what_may_be_as_given(const RigParameters& parameters, const Calibratio
   open->assign(kept.begin(), kept.end());
 }
 
+// CalibrationChoice::effect of a change to some values.
+double effect_of(const Eigen::VectorXd& values, const CalibrationEvidence& evidence) {
+  const Eigen::VectorXd change = values - evidence.at;
+  return std::sqrt(change.dot(evidence.information * change) / std::max(1, evidence.observations));
+}
+
 // `takes_all`: numbers that are told are changed though they are not significantly off, as nothing speaks for
 // the given ones.
 CalibrationChoice choose(const RigParameters& parameters, const Eigen::VectorXd& prior_sigma,
@@ -221,8 +227,7 @@ CalibrationChoice choose(const RigParameters& parameters, const Eigen::VectorXd&
     choice.values[i] = prior_sigma[i] * posterior.values[k];
     choice.significance[i] = std::abs(posterior.values[k]) / std::sqrt(posterior.covariance(k, k));
   }
-  const Eigen::VectorXd change = choice.values - evidence.at;
-  choice.effect = std::sqrt(change.dot(evidence.information * change) / std::max(1, evidence.observations));
+  choice.effect = effect_of(choice.values, evidence);
   return choice;
 }
 
@@ -340,6 +345,17 @@ CalibrationChoice within_reach(const RigParameters& parameters, const Eigen::Vec
     choice.is_part = true;
   }
   return choice;
+}
+
+std::optional<Eigen::VectorXd> likelier(const RigParameters& parameters, const CalibrationEvidence& evidence,
+                                        double longest_readout) {
+  CalibrationChoice choice = choose_calibration(parameters, evidence, longest_readout, true);
+  for (int i = 0; i < parameters.size(); ++i) {
+    if (!choice.is_told[i]) choice.values[i] = evidence.at[i];
+  }
+  Eigen::VectorXd values = within_reach(parameters, evidence.at, std::move(choice)).values;
+  if (!(effect_of(values, evidence) > kLeastFurtherEffect)) return std::nullopt;
+  return values;
 }
 
 bool is_worth_it(const CalibrationChoice& choice, bool was_changed) {

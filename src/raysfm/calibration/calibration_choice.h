@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "raysfm/calibration/calibration_evidence.h"
@@ -43,6 +44,11 @@ CalibrationChoice choose_calibration(const RigParameters& parameters, const Cali
 // calibration `at`, says little of it, that part of the way which it does speak of.
 CalibrationChoice within_reach(const RigParameters& parameters, const Eigen::VectorXd& at,
                                CalibrationChoice choice);
+
+// The change of all that is told, however little it is off, from the calibration that the evidence is about;
+// what is not told stays. None where it is too small for another look from there.
+std::optional<Eigen::VectorXd> likelier(const RigParameters& parameters, const CalibrationEvidence& evidence,
+                                        double longest_readout);
 
 // Whether the change is worth adapting everything to it; `was_changed`: the given calibration was changed
 // before.

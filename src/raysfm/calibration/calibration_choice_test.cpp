@@ -303,6 +303,21 @@ TEST_F(ChoiceTest, OfAGuessAllThatIsToldIsTaken) {
   EXPECT_EQ(all.values[kFocal], 0);
 }
 
+TEST_F(ChoiceTest, WhatIsLikelierIsWhatIsToldHoweverLittleItIsOff) {
+  truth[kK1] = 0.002;
+  sigma[kK1] = 0.001;
+  CalibrationEvidence evidence = evidence_for(truth, sigma);
+  evidence.at[kCx] = 3;
+  EXPECT_EQ(choice().values[kK1], 0) << "not surely off";
+  const auto values = likelier(parameters, evidence, 0);
+  ASSERT_TRUE(values);
+  EXPECT_NEAR((*values)[kK1], 0.002, 1e-4);
+  EXPECT_EQ((*values)[kCx], 3) << "it is not told";
+  evidence.at[kK1] = 0.002;
+  evidence.gradient.setZero();
+  EXPECT_FALSE(likelier(parameters, evidence, 0)) << "there already";
+}
+
 TEST_F(ChoiceTest, AFocalLengthThatIsFarIsReachedInSteps) {
   const Eigen::VectorXd here = Eigen::VectorXd::Zero(6);
   sigma[kFocal] = 0.003;

@@ -41,12 +41,20 @@ constexpr double kFar = 0.2;  // effect of a change after which residuals are li
 constexpr double kZoom = 0.05, kSurelyZoomed = 5;
 // Standard deviations of a readout in a short stretch that speak of one.
 constexpr double kSurelyScanned = 4;
+// Where a stretch comes to rest itself: how often it moves on, and steps of its adjustment each time.
+constexpr int kMostRests = 5, kMostSteps = 5;
+constexpr double kRests = 1e-4, kLittleDamping = 1e-8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 
 BundleOptions by_noise(const BundleProblem& problem) {
   BundleOptions options = kMeasure;
   options.loss = loss_for_noise(problem);
   return options;
+}
+
+bool can_be(const Rig& rig) {
+  return std::ranges::none_of(rig.cameras,
+                              [](const Camera& camera) { return find_problem(camera.model).has_value(); });
 }
 
 // Of each track the observations in key frames [begin, end) that see its point where it is.
@@ -201,31 +209,77 @@ CalibrationRefiner::Stretch CalibrationRefiner::measured_stretch(const TrackingR
                               .scale_prior = {}};
   update_inliers(problem, kMostError);
   std::optional<CalibrationEvidence> evidence =
-      measure_calibration(problem, measure == Measure::kByNoise ? by_noise(problem) : kMeasure, parameters_,
-                          values_, rig.weight(), velocities_);
+      measure == Measure::kAtRest
+          ? evidence_at_rest(rig, problem)
+          : measure_calibration(problem, measure == Measure::kByNoise ? by_noise(problem) : kMeasure,
+                                parameters_, values_, rig.weight(), velocities_);
   if (!evidence) evidence = CalibrationEvidence::nothing(values_);
   return {world, begin, end, end - begin, map.rescaled, *std::move(evidence)};
 }
 
+// Wrong matches lose their say on the way to where the others fit.
+std::optional<CalibrationEvidence> CalibrationRefiner::evidence_at_rest(const TrackingRig& rig,
+                                                                        BundleProblem problem) {
+  BundleAdjuster adjuster;
+  BundleOptions options{
+      .max_iterations = kMostSteps, .min_relative_decrease = kRests, .initial_damping = kLittleDamping};
+  std::optional<CalibrationEvidence> evidence;
+  std::optional<TrackingRig> moved;
+  Eigen::VectorXd values = values_;
+  for (int rest = 0; rest < kMostRests; ++rest) {
+    options.loss = loss_for_noise(problem);
+    adjuster.adjust(problem, options);
+    update_inliers(problem, kMostError);
+    options.loss = redescending_loss_for_noise(problem);
+    adjuster.adjust(problem, options);
+    evidence = measure_calibration(problem, options, parameters_, values, rig.weight(), velocities_);
+    if (!evidence) break;
+    const std::optional<Eigen::VectorXd> next = likelier(parameters_, *evidence, longest_readout());
+    if (!next) break;
+    Rig there = parameters_.rig(*next);
+    if (!can_be(there)) break;
+    values = *next;
+    moved.emplace(std::move(there), rig.angular() ? ErrorMeasure::kAngular : ErrorMeasure::kPixel);
+    problem.cameras = moved->cameras();
+    for (size_t i = 0; i < rays_.size(); ++i) {
+      const BundleObservation& o = observations_[i];
+      if (!moved->observe(o.camera, o.pixel.cast<float>(), &rays_[i])) fits_[i] = 0;
+    }
+  }
+  return evidence;
+}
+
 void CalibrationRefiner::measure(const TrackingRig& rig, int world, const Map& map,
                                  std::span<const uint8_t> left_out, const MotionOf& motion_of) {
-  const int count = static_cast<int>(map.keyframes.size());
   std::erase_if(stretches_, [&](const Stretch& s) { return is_outdated(s, world, map); });
   const int first = first_open(world);
   std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world && s.begin >= first; });
+  measure_from(first, rig, world, map, left_out, motion_of, Measure::kEven);
+}
+
+void CalibrationRefiner::measure_from(int first, const TrackingRig& rig, int world, const Map& map,
+                                      std::span<const uint8_t> left_out, const MotionOf& motion_of,
+                                      Measure how) {
+  const int count = static_cast<int>(map.keyframes.size());
   const auto leaves_out = [&](int k) { return k < std::ssize(left_out) && left_out[k]; };
   for (int begin = first, end; begin < count; begin = end) {
     for (end = begin + 1; end < count && end - begin < kLongest && !leaves_out(end);) ++end;
     if (!leaves_out(begin) && end - begin >= kLeastStretch)
       stretches_.push_back(
-          measured_stretch(rig, world, map, motion_of, begin, end, points_of(rig, end - begin)));
+          measured_stretch(rig, world, map, motion_of, begin, end, points_of(rig, end - begin), how));
   }
 }
 
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
                                        std::span<const uint8_t> left_out, const MotionOf& motion_of) {
   std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
-  measure(rig, world, map, left_out, motion_of);
+  measure_from(0, rig, world, map, left_out, motion_of, Measure::kEven);
+}
+
+void CalibrationRefiner::measure_at_rest(const TrackingRig& rig, int world, const Map& map,
+                                         std::span<const uint8_t> left_out, const MotionOf& motion_of) {
+  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
+  measure_from(0, rig, world, map, left_out, motion_of, Measure::kAtRest);
 }
 
 void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {
@@ -238,16 +292,17 @@ void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_
 }
 
 CalibrationChoice CalibrationRefiner::choose(const CalibrationEvidence& evidence, bool takes_all) const {
-  return choose_calibration(parameters_, evidence, shutter_is_dropped_ ? 0 : longest_readout_, takes_all);
+  return choose_calibration(parameters_, evidence, longest_readout(), takes_all);
 }
 
 // Few key frames tell of a guess what many do not confirm: what is not surely off waits for all of them.
 std::optional<Rig> CalibrationRefiner::better(bool last) {
   CalibrationEvidence all = CalibrationEvidence::nothing(values_);
   for (const Stretch& s : stretches_) all.add(s.evidence);
-  choice_ = within_reach(parameters_, values_, choose(all, last && parameters_.is_guess()));
+  choice_ = within_reach(parameters_, values_,
+                         choose(all, last && (parameters_.is_guess() || parameters_.is_found())));
   if (begins_with_shutter_ && !has_readout(choice_.values)) return std::nullopt;
-  return is_worth_it(choice_, !values_.isZero()) ? chosen_rig() : std::nullopt;
+  return is_worth_it(choice_, parameters_.is_found() || !values_.isZero()) ? chosen_rig() : std::nullopt;
 }
 
 // Of a world's stretches those before and those from `split` on.
@@ -323,9 +378,7 @@ std::optional<FocalChange> CalibrationRefiner::focal_change(const TrackingRig& r
 
 std::optional<Rig> CalibrationRefiner::chosen_rig() const {
   Rig rig = parameters_.rig(choice_.values);
-  const auto cannot_be = [](const Camera& camera) { return find_problem(camera.model).has_value(); };
-  if (std::ranges::any_of(rig.cameras, cannot_be)) return std::nullopt;
-  return rig;
+  return can_be(rig) ? std::optional(std::move(rig)) : std::nullopt;
 }
 
 bool CalibrationRefiner::is_shutter_due(int keyframes, bool last) const {
@@ -353,6 +406,16 @@ std::optional<Rig> CalibrationRefiner::find_shutter(const TrackingRig& rig, int 
 void CalibrationRefiner::set_frame_interval(double seconds) {
   constexpr double kMost = 1.2;  // of an interval: estimates have errors
   longest_readout_ = kMost * seconds;
+}
+
+double CalibrationRefiner::greatest_effect() const {
+  const Eigen::VectorXd change = choice_.values - values_;
+  double most = 0;
+  for (const Stretch& s : stretches_) {
+    const CalibrationEvidence& e = s.evidence;
+    most = std::max(most, change.dot(e.information * change) / std::max(1, e.observations));
+  }
+  return std::sqrt(most);
 }
 
 bool CalibrationRefiner::has_readout(const Eigen::VectorXd& values) const {

@@ -80,6 +80,13 @@ class CalibrationRefiner {
   void measure_again(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
                      const MotionOf& motion_of);
 
+  // Measures all of a world anew, for a calibration that no more will be heard of: each stretch about the
+  // calibration at which it comes to rest itself, by a loss beyond which nothing counts. What a map is made
+  // of was chosen by the present calibration: matches that are wrong by less than an inlier may be, but fit
+  // it, hold that against many right ones.
+  void measure_at_rest(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
+                       const MotionOf& motion_of);
+
   // Whether what was measured of a world says of its earlier part another focal length than of its later one,
   // beyond doubt: the camera zoomed, which one calibration does not hold.
   std::optional<FocalChange> focal_change(const TrackingRig& rig, int world, const Map& map,
@@ -89,6 +96,8 @@ class CalibrationRefiner {
   std::vector<CalibrationNumber> numbers() const;
   // Of what better() found last: CalibrationChoice::effect.
   double effect() const { return choice_.effect; }
+  // The same change, in the stretch that it moves the most: of a drive all but a turn may say nothing of it.
+  double greatest_effect() const;
   // Whether the present calibration is that of another lens than the given one.
   bool contradicts() const { return contradicts_; }
   // The present calibration.
@@ -126,6 +135,7 @@ class CalibrationRefiner {
   };
 
   CalibrationChoice choose(const CalibrationEvidence& evidence, bool takes_all = false) const;
+  double longest_readout() const { return shutter_is_dropped_ ? 0 : longest_readout_; }
   int measured_until(int world) const;
   int first_open(int world) const;
   int measured() const;
@@ -142,7 +152,10 @@ class CalibrationRefiner {
   void choose_points(const Map& map, int begin, int end, int usual);
   std::vector<Stretch> short_stretches(const TrackingRig& rig, int world, const Map& map,
                                        const MotionOf& motion_of, int end);
-  enum class Measure : uint8_t { kEven, kByNoise };
+  enum class Measure : uint8_t { kEven, kByNoise, kAtRest };
+  void measure_from(int first, const TrackingRig& rig, int world, const Map& map,
+                    std::span<const uint8_t> left_out, const MotionOf& motion_of, Measure how);
+  std::optional<CalibrationEvidence> evidence_at_rest(const TrackingRig& rig, BundleProblem problem);
   Stretch measured_stretch(const TrackingRig& rig, int world, const Map& map, const MotionOf& motion_of,
                            int begin, int end, int points, Measure measure = Measure::kEven);
 

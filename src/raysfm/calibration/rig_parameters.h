@@ -22,6 +22,8 @@ struct CalibrationPrior {
   bool without_shutter = false;
   // Of a rough guess: nothing speaks for its numbers but these deviations.
   bool is_guess = false;
+  // Of numbers that an earlier run of the same footage found: a better one is as good.
+  bool is_found = false;
 };
 
 // Whether two focal lengths are those of different lenses: farther apart than usual calibrations are off.
@@ -74,6 +76,7 @@ class RigParameters {
   bool is_bent_by_shutter() const { return prior_.without_shutter; }
   // Whether the given lens is a rough guess.
   bool is_guess() const { return prior_.is_guess; }
+  bool is_found() const { return prior_.is_found; }
   // Of the number that an unknown changes in a camera: its name, and its value in a rig.
   std::string name(int i) const;
   double number(int i, int camera, const Rig& rig) const;

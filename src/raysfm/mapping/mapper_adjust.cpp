@@ -262,15 +262,12 @@ void Mapper::adapt_to_cameras(int first, Adaption how, Map* map) {
 }
 
 void Mapper::adjust_to_noise(Map* map) {
-  // Of the standard deviation: beyond it nothing counts, and 95 % of what least squares tell of pure noise
-  // are left (the usual constant of the biweight).
-  constexpr double kBiweight = 4.685, kLeastNoise = 0.01;
   ScopedTimer timer(adjust_timing);
   gather(map, 0, 0);
   BundleProblem problem = window_problem(*map);
   if (rig_.central()) problem.scale_prior = present_extent();
   BundleOptions options = settling(kWholeAdaption);
-  options.loss = {RobustLoss::Kind::kTukey, kBiweight * std::max(kLeastNoise, noise_of(problem))};
+  options.loss = redescending_loss_for_noise(problem);
   adjuster_.adjust(problem, options);
   update_inliers(problem, kInlierError);
   scatter(0, map);

@@ -143,12 +143,12 @@ TEST(CalibrationRefiner, CovariancesHaveItInThemFromTheFirstFrameOn) {
   EXPECT_LT(ratio, 10);
 }
 
-// A map as the camera would have it, of points about it that it turns round; corners with a noise.
-Map noisy_map(const TrackingRig& rig) {
+// A map as the camera would have it, of points about it that it turns round; corners with a noise (pixels).
+Map noisy_map(const TrackingRig& rig, float sigma = 0.3f) {
   constexpr int kKeyFrames = 40, kPoints = 400;
   std::mt19937 random(3);
   std::uniform_real_distribution<double> place(-1, 1);
-  std::normal_distribution<float> noise(0, 0.3f);
+  std::normal_distribution<float> noise(0, sigma);
   Map map;
   map.tracks.resize(kPoints);
   for (Track& t : map.tracks) {
@@ -193,6 +193,75 @@ TEST(CalibrationRefiner, WhatDoesNotFitAnyMoreSaysNothing) {
     EXPECT_EQ(before[i].told, after[i].told) << before[i].name;
     EXPECT_NEAR(before[i].sigma, after[i].sigma, 0.1 * before[i].sigma) << before[i].name;
   }
+}
+
+// Matches that are wrong by less than an inlier may be were chosen by the lens that they fit.
+TEST(CalibrationRefiner, MatchesThatFitTheGivenLensDoNotHoldIt) {
+  constexpr double kLonger = 1.01;
+  constexpr int kEvery = 4;
+  const Rig given{{with_focal(kLonger)}};
+  const TrackingRig rig(given, ErrorMeasure::kPixel);
+  const auto lens = std::get<Radtan>(small_camera().model);
+  const Eigen::Vector2f centre(static_cast<float>(lens.cx), static_cast<float>(lens.cy));
+  Map map = noisy_map(TrackingRig({{small_camera()}}, ErrorMeasure::kPixel), 0.05f);
+  int seen = 0;
+  for (MapKeyFrame& k : map.keyframes) {
+    for (Eigen::Vector2f& pixel : k.pixels) {
+      if (++seen % kEvery == 0) pixel = centre + static_cast<float>(kLonger) * (pixel - centre);
+    }
+  }
+  const auto motion_of = [](int) { return RigMotion{}; };
+  const auto off = [&](CalibrationRefiner& refiner) {
+    const std::optional<Rig> better = refiner.better(true);
+    return better ? std::abs(std::get<Radtan>(better->cameras[0].model).fx / lens.fx - 1) : kLonger - 1;
+  };
+  CalibrationRefiner as_it_is(given, LensRefinement::kAuto), at_rest(given, LensRefinement::kAuto);
+  as_it_is.measure(rig, 0, map, {}, motion_of);
+  at_rest.measure_at_rest(rig, 0, map, {}, motion_of);
+  EXPECT_GT(off(as_it_is), 0.0015);
+  EXPECT_LT(off(at_rest), 0.0005);
+}
+
+// Of what was found in a first run through the same footage, anything better is as good.
+TEST(CalibrationRefiner, WhatWasFoundHasNoStanding) {
+  const Rig off{{with_focal(1.001)}};
+  const TrackingRig rig(off, ErrorMeasure::kPixel);
+  const Map map = noisy_map(TrackingRig({{small_camera()}}, ErrorMeasure::kPixel));
+  const auto better = [&](bool is_found) {
+    CalibrationRefiner refiner(off, LensRefinement::kAuto, {.is_found = is_found});
+    refiner.measure(rig, 0, map, {}, [](int) { return RigMotion{}; });
+    return refiner.better(true).has_value();
+  };
+  EXPECT_FALSE(better(false));
+  EXPECT_TRUE(better(true));
+}
+
+TEST(CalibrationRefiner, ALensMovesOneStretchMoreThanAll) {
+  const TrackingRig off({{with_focal(1.02)}}, ErrorMeasure::kPixel);
+  const Map map = noisy_map(TrackingRig({{small_camera()}}, ErrorMeasure::kPixel));
+  Map part;  // a short turn, which tells less
+  part.tracks.resize(map.tracks.size());
+  for (size_t t = 0; t < map.tracks.size(); ++t) {
+    part.tracks[t].position = map.tracks[t].position;
+    part.tracks[t].triangulated = true;
+  }
+  for (int k = 0; k < 8; ++k) {
+    const MapKeyFrame& from = map.keyframes[k];
+    MapKeyFrame& to = part.keyframes.emplace_back();
+    to.frame = k;
+    to.rig_from_world = from.rig_from_world;
+    for (int f = 0; f < from.size(); ++f)
+      part.observe(from.tracks[f], k, to.add(0, from.pixels[f], 0, from.tracks[f]));
+  }
+  const auto motion_of = [](int) { return RigMotion{}; };
+  CalibrationRefiner refiner(off.rig(), LensRefinement::kAuto);
+  refiner.measure(off, 0, map, {}, motion_of);
+  ASSERT_TRUE(refiner.better(false));
+  EXPECT_NEAR(refiner.greatest_effect(), refiner.effect(), 1e-9) << "of one stretch";
+  refiner.measure(off, 1, part, {}, motion_of);
+  ASSERT_TRUE(refiner.better(false));
+  EXPECT_GT(refiner.greatest_effect(), 1.02 * refiner.effect());
+  EXPECT_LT(refiner.greatest_effect(), 2 * refiner.effect());
 }
 
 // Their squares add up to the variance that is told of each number.

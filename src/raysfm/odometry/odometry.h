@@ -117,6 +117,9 @@ class Odometry {
   // The newest frame when a rolling shutter was found that nobody told; -1: none was. Frames between key
   // frames keep what was known of it when they came.
   int shutter_found_at() const { return shutter_found_at_; }
+  // The newest frame when the lenses of a world of many key frames changed by more than its map can follow;
+  // -1: they never did.
+  int lens_found_at() const { return lens_found_at_; }
   // Whether one was found that contradicts itself, and is looked for no more.
   bool dropped_shutter() const { return refiner_.dropped_shutter(); }
 
@@ -332,6 +335,7 @@ class Odometry {
   void rescale_frames(int segment, double factor);
   void rescale_track(int segment, double factor);
   void refine_calibration(int segment, bool last);
+  bool is_bent_by_lens(int segment) const;
   bool take_calibration(int segment, const Rig& better, bool last);
   Adaption adaption(int segment, bool last, bool leads_on) const;
   Adaption whole_adaption(int segment) const;
@@ -395,7 +399,7 @@ class Odometry {
   int posed_ = 0;
   int settled_before_ = 0;
   int calibration_ = 0;  // counts those taken over
-  int shutter_found_at_ = -1;
+  int shutter_found_at_ = -1, lens_found_at_ = -1;
   StageTiming detect_timing_, start_timing_, calibrate_timing_, frame_timing_;
   double detected_ms_ = 0;  // during the present frame
 };

@@ -11,11 +11,17 @@ namespace {
 constexpr int kMostRounds = 8;  // of one change, each from where the one before led
 // Key frames that are adapted at once; those before them wait for the end.
 constexpr int kAdapted = 40;
+// Key frames of a world that is never adapted as a whole before the end. Up to so many, kitti07-mono, tsukuba
+// and the kitchen are no better for what is done to larger ones.
+constexpr int kLarge = 80;
 // Effect of a change that a few steps do not adapt a map to: what is still off by more than an inlier may be
 // is taken for an outlier. Of the maps of fr1-rpy, changed by 0.12 to 0.19, that left a twentieth.
 constexpr double kConsiderable = 0.1;
 // The same where a shutter rolls: what rows see moves each by another way.
 constexpr double kBends = 0.01;
+// Greatest effect of a change that bends what a large map has behind it. It stays bent, whatever is adjusted:
+// its matches were chosen by the old calibration, and those that fit it hold the map about as well.
+constexpr double kBendsPath = 0.015;
 // Effect below which a further round is left to the next time, or the end.
 constexpr double kMayWait = 0.01;
 
@@ -33,12 +39,20 @@ void Odometry::refine_calibration(int number, bool last) {
   ScopedTimer timer(calibrate_timing_);
   refiner_.set_frame_interval(frame_interval());
   const auto motion_of = [&](int keyframe) { return keyframe_motion(s.map.keyframes[keyframe]); };
+  const bool at_rest = last && is_bent_by_lens(number);
+  const auto measure_again = [&] {
+    if (at_rest) {
+      refiner_.measure_at_rest(rig_, number, s.map, s.is_known, motion_of);
+    } else {
+      refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);
+    }
+  };
   std::optional<Rig> better;
   if (asks_for_shutter) better = refiner_.find_shutter(rig_, number, s.map, motion_of);
   if (!better && is_due) {
     // Much of what was measured is about key frames that were not adapted to the shutter yet.
-    if (last && refiner_.has_found_shutter()) {
-      refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);
+    if (at_rest || (last && refiner_.has_found_shutter())) {
+      measure_again();
     } else {
       refiner_.measure(rig_, number, s.map, s.is_known, motion_of);
     }
@@ -48,12 +62,19 @@ void Odometry::refine_calibration(int number, bool last) {
   if (!better) return;
   for (int round = 0; better && round < kMostRounds; ++round) {
     if (!take_calibration(number, *better, last)) break;
-    refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);
+    measure_again();
     better = refiner_.better(last);
     const bool may_wait = !last && !asks_for_shutter && refiner_.has_found_shutter();
     if (may_wait && refiner_.effect() < kMayWait) break;
   }
   observer_->calibration_refined({frames() - 1, number, refiner_.numbers(), refiner_.contradicts()});
+}
+
+// Whether so much of a world came about with earlier lenses that its matches hold on to these. Of a guess
+// what many key frames tell is taken as it comes; a shutter that rolls is no matter of the lens.
+bool Odometry::is_bent_by_lens(int number) const {
+  const auto keyframes = static_cast<int>(segments_[number].map.keyframes.size());
+  return keyframes > kLarge && !options_.calibration_prior.is_guess && !rig_.scans();
 }
 
 // A world goes on with what was found of the calibration. True where that may lead on to another one.
@@ -63,13 +84,15 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool scanned = rig_.scans();
   rig_ = TrackingRig(better, options_.error);
   if (rig_.scans() && !scanned) shutter_found_at_ = frames() - 1;
+  const bool is_bent = is_bent_by_lens(number);
+  if (is_bent && refiner_.greatest_effect() > kBendsPath) lens_found_at_ = frames() - 1;
   const bool is_far = refiner_.take_over();
   // A large map has its newest part adapted while it grows, and goes on with that.
   const bool all = last || keyframes <= kAdapted;
   // Motion tells the readout, and the readout and the lens the motion.
   const bool moves = all && refiner_.has_found_shutter();
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
-  const bool leads_on = is_far || moves || (all && !rig_.central());
+  const bool leads_on = is_far || moves || (last && is_bent) || (all && !rig_.central());
   const Adaption how = adaption(number, last, leads_on);
   adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
   // Rounds that lead on to another one leave the weakest directions to finish_maps().

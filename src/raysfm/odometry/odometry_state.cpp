@@ -65,7 +65,7 @@ void Odometry::archive(A& a) {
   if constexpr (A::kReads) a.prepare_views([this](const ViewPtr& view) { return prepared(view); });
   raysfm::archive(a, calibration_, refiner_, segments_, active_, frames_, previous_, last_seen_, *starter_,
                   turner_, early_turn_, local_, anchor_distance_, posed_, settled_before_, places_, closures_,
-                  map_covariance_, motion_watch_, shutter_found_at_);
+                  map_covariance_, motion_watch_, shutter_found_at_, lens_found_at_);
   raysfm::archive(a, detect_timing_, start_timing_, calibrate_timing_, frame_timing_, localiser_.match_timing,
                   localiser_.pose_timing, localiser_.align_timing, mapper_.keyframe_timing,
                   mapper_.adjust_timing);

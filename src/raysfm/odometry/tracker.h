@@ -87,6 +87,9 @@ class Tracker {
   std::optional<SeenZoom> lens_change() { return odometry_.lens_change(); }
   // The newest frame when a rolling shutter was found that nobody told; -1: none was.
   int shutter_found_at() const { return odometry_.shutter_found_at(); }
+  // The newest frame when the lenses changed by more than a map of many key frames can follow; -1: they never
+  // did.
+  int lens_found_at() const { return odometry_.lens_found_at(); }
   // Whether one was found that is none: rows are exposed in one order in a part of the footage and in the
   // other in another.
   bool dropped_shutter() const { return odometry_.dropped_shutter(); }
