@@ -42,7 +42,7 @@ constexpr double kZoom = 0.05, kSurelyZoomed = 5;
 // Standard deviations of a readout in a short stretch that speak of one.
 constexpr double kSurelyScanned = 4;
 // Where a stretch comes to rest itself: how often it moves on, and steps of its adjustment each time.
-constexpr int kMostRests = 5, kMostSteps = 5;
+constexpr int kMostRests = 3, kMostSteps = 2;
 constexpr double kRests = 1e-4, kLittleDamping = 1e-8;
 const BundleOptions kMeasure{.loss = {RobustLoss::Kind::kHuber, 1.0}};
 

@@ -92,7 +92,7 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   // Motion tells the readout, and the readout and the lens the motion.
   const bool moves = all && refiner_.has_found_shutter();
   // Where rays have different origins, lens and scale tell each other: each moves with the other.
-  const bool leads_on = is_far || moves || (last && is_bent) || (all && !rig_.central());
+  const bool leads_on = is_far || moves || (all && !rig_.central());
   const Adaption how = adaption(number, last, leads_on);
   adapt(number, last ? 0 : std::max(0, keyframes - kAdapted), how);
   // Rounds that lead on to another one leave the weakest directions to finish_maps().
