@@ -239,6 +239,10 @@ cameras:
                     self.assertAlmostEqual(readout["refined"] / 0.033, 1, delta=0.1)
                     self.assertIn("direction: down", (self.out / "camera.yaml").read_text())
             self.assertLess(error[camera], 1.5 * error[film / "camera.yaml"], seconds)
+        done = run("track", film, "--camera", camera, "--to", 4, "--save-map", self.folder / "map.db", "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("all is tracked again", done.stderr)
+        self.assertIn("with --save-map nothing is tracked again", done.stderr)
 
     def test_a_rolling_shutter_that_few_points_do_not_tell(self):
         camera = self.file("fisheye.yaml", """raysfm_camera: 1

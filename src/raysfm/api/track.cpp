@@ -242,11 +242,23 @@ bool has_other_lens(const Aftermath& aftermath, const Sources& sources, const Re
          !sources.prior.is_found;
 }
 
+// `what` becomes of the footage then.
+std::string found_late(const Aftermath& aftermath, bool is_for_shutter, std::string_view what) {
+  return fmt::format("a {} was found at frame {}: {}",
+                     is_for_shutter ? "rolling shutter" : "better calibration",
+                     is_for_shutter ? aftermath.shutter_found_at : aftermath.lens_found_at, what);
+}
+
 std::string why_again(const Aftermath& aftermath, bool is_for_shutter) {
   if (aftermath.dropped_shutter) return "all is tracked again without a rolling shutter";
-  return fmt::format("a {} was found at frame {}: all is tracked again with it",
-                     is_for_shutter ? "rolling shutter" : "better calibration",
-                     is_for_shutter ? aftermath.shutter_found_at : aftermath.lens_found_at);
+  return found_late(aftermath, is_for_shutter, "all is tracked again with it");
+}
+
+std::string why_not_again(const Aftermath& aftermath, bool is_for_shutter) {
+  if (aftermath.dropped_shutter) return "";
+  return found_late(aftermath, is_for_shutter,
+                    "of a device, with --map or with --save-map nothing is tracked again; give the "
+                    "camera.yaml of this run with --camera");
 }
 
 // What a second run began with was found by the first, of what it was given.
@@ -263,14 +275,15 @@ void tell_as_given(const std::vector<CalibrationNumber>& first, std::vector<Cali
 // The footage tracked again with the cameras that are known now, where much of it was tracked with others.
 std::optional<TrackResult> with_known_cameras(const TrackSettings& given, const TrackCallbacks& callbacks,
                                               const Sources& sources, const Aftermath& aftermath,
-                                              const TrackResult& tracked) {
-  const Reconstruction& first = tracked.reconstruction;
+                                              TrackResult* tracked) {
+  const Reconstruction& first = tracked->reconstruction;
   const bool is_for_shutter = has_other_shutter(aftermath, first);
-  const bool can_be_read_again =
-      sources.input.layout != "device" && given.map.empty() && given.save_map.empty();
-  if (!(is_for_shutter || has_other_lens(aftermath, sources, first)) || !can_be_read_again ||
-      callbacks.stopped())
+  if (!(is_for_shutter || has_other_lens(aftermath, sources, first)) || callbacks.stopped())
     return std::nullopt;
+  if (sources.input.layout == "device" || !given.map.empty() || !given.save_map.empty()) {
+    warn(callbacks.event, why_not_again(aftermath, is_for_shutter), &tracked->report.warnings);
+    return std::nullopt;
+  }
   tell(callbacks.event, Event::Level::kInfo, why_again(aftermath, is_for_shutter));
   FoundLens lens{sources.rig, sources.prior, sources.origin, !sources.may_be_fisheye, true};
   lens.zoom = sources.undone_zoom;
@@ -298,7 +311,7 @@ std::optional<TrackResult> with_known_cameras(const TrackSettings& given, const 
   }
   warn({}, dropped_shutter_warning(aftermath.dropped_shutter), &again->report.warnings);
   auto& stages = again->report.stages;
-  if (sources.find_ms > 0) stages.insert(stages.begin(), tracked.report.stages.front());
+  if (sources.find_ms > 0) stages.insert(stages.begin(), tracked->report.stages.front());
   return *std::move(again);
 }
 
@@ -408,7 +421,7 @@ Result<TrackResult> track(const TrackSettings& given, const TrackCallbacks& call
   if (own) {
     tracked = *std::move(own);
     aftermath.zoom.reset();  // of the other lens
-  } else if (auto again = with_known_cameras(given, callbacks, *sources, aftermath, *tracked)) {
+  } else if (auto again = with_known_cameras(given, callbacks, *sources, aftermath, &*tracked)) {
     tracked = *std::move(again);
   }
   if (!found) solved = with_zoom(given, callbacks, *sources, aftermath.zoom, &*tracked);

@@ -262,24 +262,19 @@ void CalibrationRefiner::measure_from(int first, const TrackingRig& rig, int wor
                                       Measure how) {
   const int count = static_cast<int>(map.keyframes.size());
   const auto leaves_out = [&](int k) { return k < std::ssize(left_out) && left_out[k]; };
-  for (int begin = first, end; begin < count; begin = end) {
-    for (end = begin + 1; end < count && end - begin < kLongest && !leaves_out(end);) ++end;
-    if (!leaves_out(begin) && end - begin >= kLeastStretch)
+  for (int begin = first, end; begin < count; begin = std::max(end, begin + 1)) {
+    for (end = begin; end < count && end - begin < kLongest && !leaves_out(end);) ++end;
+    if (end - begin >= kLeastStretch)
       stretches_.push_back(
           measured_stretch(rig, world, map, motion_of, begin, end, points_of(rig, end - begin), how));
   }
 }
 
 void CalibrationRefiner::measure_again(const TrackingRig& rig, int world, const Map& map,
-                                       std::span<const uint8_t> left_out, const MotionOf& motion_of) {
+                                       std::span<const uint8_t> left_out, const MotionOf& motion_of,
+                                       Measure how) {
   std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
-  measure_from(0, rig, world, map, left_out, motion_of, Measure::kEven);
-}
-
-void CalibrationRefiner::measure_at_rest(const TrackingRig& rig, int world, const Map& map,
-                                         std::span<const uint8_t> left_out, const MotionOf& motion_of) {
-  std::erase_if(stretches_, [&](const Stretch& s) { return s.world == world; });
-  measure_from(0, rig, world, map, left_out, motion_of, Measure::kAtRest);
+  measure_from(0, rig, world, map, left_out, motion_of, how);
 }
 
 void CalibrationRefiner::renumber(int world, int into, std::span<const int> new_number_of_keyframe) {

@@ -77,15 +77,15 @@ class CalibrationRefiner {
   // Takes it over. True where that is so large a step that another from there may be worth it, once
   // measure_again() has been told what the adapted map says.
   bool take_over();
-  void measure_again(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
-                     const MotionOf& motion_of);
 
-  // Measures all of a world anew, for a calibration that no more will be heard of: each stretch about the
+  // How a stretch is asked: by a loss that is the same for all; by one for its noise; or about the
   // calibration at which it comes to rest itself, by a loss beyond which nothing counts. What a map is made
   // of was chosen by the present calibration: matches that are wrong by less than an inlier may be, but fit
   // it, hold that against many right ones.
-  void measure_at_rest(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
-                       const MotionOf& motion_of);
+  enum class Measure : uint8_t { kEven, kByNoise, kAtRest };
+  // Measures all of a world anew; at rest where no more will be heard of its calibration.
+  void measure_again(const TrackingRig& rig, int world, const Map& map, std::span<const uint8_t> left_out,
+                     const MotionOf& motion_of, Measure how = Measure::kEven);
 
   // Whether what was measured of a world says of its earlier part another focal length than of its later one,
   // beyond doubt: the camera zoomed, which one calibration does not hold.
@@ -152,7 +152,6 @@ class CalibrationRefiner {
   void choose_points(const Map& map, int begin, int end, int usual);
   std::vector<Stretch> short_stretches(const TrackingRig& rig, int world, const Map& map,
                                        const MotionOf& motion_of, int end);
-  enum class Measure : uint8_t { kEven, kByNoise, kAtRest };
   void measure_from(int first, const TrackingRig& rig, int world, const Map& map,
                     std::span<const uint8_t> left_out, const MotionOf& motion_of, Measure how);
   std::optional<CalibrationEvidence> evidence_at_rest(const TrackingRig& rig, BundleProblem problem);

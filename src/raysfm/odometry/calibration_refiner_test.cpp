@@ -217,9 +217,25 @@ TEST(CalibrationRefiner, MatchesThatFitTheGivenLensDoNotHoldIt) {
   };
   CalibrationRefiner as_it_is(given, LensRefinement::kAuto), at_rest(given, LensRefinement::kAuto);
   as_it_is.measure(rig, 0, map, {}, motion_of);
-  at_rest.measure_at_rest(rig, 0, map, {}, motion_of);
+  at_rest.measure_again(rig, 0, map, {}, motion_of, CalibrationRefiner::Measure::kAtRest);
   EXPECT_GT(off(as_it_is), 0.0015);
   EXPECT_LT(off(at_rest), 0.0005);
+}
+
+// As of a world that goes on from a saved map.
+TEST(CalibrationRefiner, OnlyWhatIsLeftOutIsNotMeasured) {
+  const Rig given{{small_camera()}};
+  const TrackingRig rig(given, ErrorMeasure::kPixel);
+  const Map map = noisy_map(rig);
+  std::vector<uint8_t> left_out(map.keyframes.size(), 0);
+  std::fill_n(left_out.begin(), 3, 1);
+  left_out[20] = 1;
+  for (const bool leaves_out : {false, true}) {
+    CalibrationRefiner refiner(given, LensRefinement::kAuto);
+    refiner.measure(rig, 0, map, leaves_out ? left_out : std::vector<uint8_t>(),
+                    [](int) { return RigMotion{}; });
+    EXPECT_FALSE(refiner.is_due(0, map, true)) << "nothing is left to be measured";
+  }
 }
 
 // Of what was found in a first run through the same footage, anything better is as good.

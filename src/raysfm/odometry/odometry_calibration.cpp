@@ -40,12 +40,10 @@ void Odometry::refine_calibration(int number, bool last) {
   refiner_.set_frame_interval(frame_interval());
   const auto motion_of = [&](int keyframe) { return keyframe_motion(s.map.keyframes[keyframe]); };
   const bool at_rest = last && is_bent_by_lens(number);
+  using Measure = CalibrationRefiner::Measure;
   const auto measure_again = [&] {
-    if (at_rest) {
-      refiner_.measure_at_rest(rig_, number, s.map, s.is_known, motion_of);
-    } else {
-      refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of);
-    }
+    refiner_.measure_again(rig_, number, s.map, s.is_known, motion_of,
+                           at_rest ? Measure::kAtRest : Measure::kEven);
   };
   std::optional<Rig> better;
   if (asks_for_shutter) better = refiner_.find_shutter(rig_, number, s.map, motion_of);
@@ -84,8 +82,7 @@ bool Odometry::take_calibration(int number, const Rig& better, bool last) {
   const bool scanned = rig_.scans();
   rig_ = TrackingRig(better, options_.error);
   if (rig_.scans() && !scanned) shutter_found_at_ = frames() - 1;
-  const bool is_bent = is_bent_by_lens(number);
-  if (is_bent && refiner_.greatest_effect() > kBendsPath) lens_found_at_ = frames() - 1;
+  if (is_bent_by_lens(number) && refiner_.greatest_effect() > kBendsPath) lens_found_at_ = frames() - 1;
   const bool is_far = refiner_.take_over();
   // A large map has its newest part adapted while it grows, and goes on with that.
   const bool all = last || keyframes <= kAdapted;
