@@ -822,6 +822,23 @@ class WithoutCameraFile(TrackTest):
         result = json.loads(run("eval", self.folder / "given" / "trajectory.txt", room / "truth.txt", "--json").stdout)
         self.assertLess(result["ate"]["rmse"], 0.003 * result["length_m"])
 
+    def test_zoom_and_rolling_shutter(self):
+        """A rolling shutter is not taken for a zoom, and hides none; a hand makes few key frames."""
+        phone = CAMERA.replace("[64, 48]", "[480, 270]").replace("50", "360").replace("31.5", "239.5").replace("23.5", "134.5")
+        camera = self.file("phone.yaml", phone)
+        for scene, motion, zooms, ms in (("room", "walk", 1, 33), ("street", "handheld", 1.1, 10)):
+            film = self.folder / scene
+            done = run("synth", scene, "--motion", motion, "--frames", 80, "--zoom", zooms, "--readout", ms, "--samples", 1,
+                       "--noise", 2, "--seed", 4, "--camera", camera, "--out", film, "--quiet")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            rolling = self.file(f"{scene}.yaml", phone + f"    rolling_shutter: {{readout_ms: {ms}}}\n")
+            done = run("track", film, "--camera", rolling, "--out", self.folder / f"{scene} tracked")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertEqual("the camera zooms" in done.stderr, zooms > 1, done.stderr)
+            self.assertEqual("zoom undone" in done.stderr, zooms > 1, done.stderr)
+            result = json.loads(run("eval", self.folder / f"{scene} tracked", film, "--json").stdout)
+            self.assertLess(result["ate"]["mean"], 0.005 * result["length_m"])
+
     @unittest.skipUnless((SHARED / "rendered" / "zoom").exists(), "no shared data: rendered/zoom (set RAYSFM_SHARED_DATA)")
     def test_zoom_that_bends_the_map_of_its_first_lens(self):
         """By 1.8: the map of the camera file's lens is 17 % off, and tells too little of the zoom."""

@@ -366,7 +366,7 @@ std::optional<TrackResult> with_zoom(const TrackSettings& given, const TrackCall
   std::optional<TrackResult> better;
   if (!zoom.empty() && may_be_another && !callbacks.stopped())
     better = better_by_zoom(given, callbacks, *tracked, is_short ? zoom_route(sources) : ZoomRoute::kMap);
-  if (better || (scans && !change)) return better;
+  if (better) return better;
   tell(callbacks.event, Event::Level::kWarning, zoom);
   if (!zoom.empty()) tracked->report.warnings.push_back(zoom);
   return std::nullopt;

@@ -18,8 +18,7 @@ bool can_have_lenses(const TrackSettings& settings);
 bool can_be_solved(const TrackSettings& settings, double keyframes);
 
 // A stretch of a map that looks as if the camera zoomed: its key frames agree much better where each has a
-// lens of its own (signs_of_zoom()), by more than the errors of a rolling shutter's velocities do where it is
-// one. `reconstruction`: of one perspective camera. None where none does.
+// lens of its own (signs_of_zoom()). `reconstruction`: of one perspective camera. None where none does.
 std::optional<ZoomedStretch> zoom_in_map(const Reconstruction& reconstruction);
 
 // What there is to say of a stretch that looks so where the poses are those of one lens; empty without one.

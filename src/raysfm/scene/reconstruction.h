@@ -39,6 +39,7 @@ struct KeyFrame {
 struct Observation {
   int point = 0;   // index into Reconstruction::points
   int camera = 0;  // index into Rig::cameras
+  // Where the point would be at the instant of the frame: what a rolling shutter moved it by is undone.
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
 };
 

@@ -3,10 +3,7 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
-#include <optional>
 #include <vector>
-
-#include "raysfm/geometry/interpolation.h"
 
 namespace raysfm {
 namespace {
@@ -24,40 +21,6 @@ std::vector<int> points_seen_most(const Reconstruction& r, std::span<const KeyFr
   std::ranges::stable_sort(points, std::greater(), [&](int i) { return seen[i]; });
   if (points.size() > most) points.resize(most);
   return points;
-}
-
-// How cameras go past a frame: its neighbours in its world.
-struct Passing {
-  const PosedFrame *before, *at, *after;
-
-  double part(double timestamp) const {
-    return (timestamp - before->timestamp) / (after->timestamp - before->timestamp);
-  }
-  Rigid3 cam_from_world(double timestamp) const {
-    return interpolate(before->world_from_rig->inverse(), after->world_from_rig->inverse(), part(timestamp));
-  }
-};
-
-std::optional<Passing> passing(const Reconstruction& r, int frame) {
-  const PosedFrame& at = r.frames[frame];
-  const auto neighbour = [&](int f) {
-    const bool is_one = f >= 0 && f < std::ssize(r.frames) && r.frames[f].world_from_rig &&
-                        r.frames[f].segment == at.segment && !r.frames[f].place_held;
-    return is_one ? &r.frames[f] : &at;
-  };
-  const Passing by{neighbour(frame - 1), &at, neighbour(frame + 1)};
-  if (!(by.after->timestamp > by.before->timestamp)) return std::nullopt;
-  return by;
-}
-
-// By how much a rolling shutter shows a point beside where it would be, had the image been exposed at once.
-Eigen::Vector2d scan_offset(const Camera& camera, const Passing& by, const Eigen::Vector3d& point,
-                            const Eigen::Vector2d& pixel) {
-  const double then = by.at->timestamp + camera.exposed_after(pixel);
-  Eigen::Vector2d seen, at_once;
-  const bool shows = camera.project(by.cam_from_world(then) * point, &seen) &&
-                     camera.project(by.cam_from_world(by.at->timestamp) * point, &at_once);
-  return shows ? Eigen::Vector2d(seen - at_once) : Eigen::Vector2d::Zero();
 }
 
 }  // namespace
@@ -79,15 +42,11 @@ MapStretch stretch_of(const Reconstruction& r, const Lens& lens, std::span<const
   for (int j = 0; j < s.tracks.image_count; ++j) {
     const KeyFrame& k = keyframes[j];
     s.found.scene.cam_from_world.push_back(r.frames[k.frame].world_from_rig->inverse());
-    const std::optional<Passing> by =
-        camera.shutter.readout > 0 ? passing(r, k.frame) : std::optional<Passing>();
     for (int o = k.first_observation; o < k.last_observation; ++o) {
       const int point = number[r.observations[o].point];
       if (point < 0 || newest[point] == j) continue;
-      Eigen::Vector2d pixel = r.observations[o].pixel;
-      if (by) pixel -= scan_offset(camera, *by, s.found.scene.points[point], pixel);
       Ray ray;
-      if (!camera.ray(pixel, &ray) || !(ray.direction.z() > 0)) continue;
+      if (!camera.ray(r.observations[o].pixel, &ray) || !(ray.direction.z() > 0)) continue;
       newest[point] = j;
       const Eigen::Vector2d ideal = ray.direction.hnormalized();
       s.tracks.add(j, point, {lens.fx * ideal.x() + lens.cx, lens.fy * ideal.y() + lens.cy});

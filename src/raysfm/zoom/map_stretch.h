@@ -9,7 +9,7 @@
 namespace raysfm {
 
 // Key frames in a row, and what they see of the points that most of them see, as the lens without its
-// distortion would show it, were the whole image exposed at once.
+// distortion would show it.
 struct MapStretch {
   PointTracks tracks;
   UncalibratedReconstruction found;
