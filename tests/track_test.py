@@ -839,6 +839,23 @@ class WithoutCameraFile(TrackTest):
             result = json.loads(run("eval", self.folder / f"{scene} tracked", film, "--json").stdout)
             self.assertLess(result["ate"]["mean"], 0.005 * result["length_m"])
 
+    def test_zoom_that_leaves_nothing_to_one_lens(self):
+        """No stretch tells a lens, tracking none either, and nothing looked like a zoom: a lens for each image is found."""
+        film = self.folder / "street"
+        camera = self.file("phone.yaml", CAMERA.replace("[64, 48]", "[480, 270]").replace("50", "330")
+                           .replace("31.5", "239.5").replace("23.5", "134.5"))
+        done = run("synth", "street", "--motion", "handheld", "--frames", 110, "--zoom", 1.5, "--samples", 1, "--noise", 2,
+                   "--seed", 25, "--camera", camera, "--out", film, "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = run("track", film, "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("no lens from tracking", done.stderr)
+        self.assertIn("there may be no one lens", done.stderr)
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertEqual((report["lens"], report["frames"]["posed"]), ("zooming", 110))
+        result = json.loads(run("eval", self.out / "trajectory.txt", film / "truth.txt", "--json").stdout)
+        self.assertLess(result["ate"]["mean"], 0.005 * result["length_m"])
+
     @unittest.skipUnless((SHARED / "rendered" / "zoom").exists(), "no shared data: rendered/zoom (set RAYSFM_SHARED_DATA)")
     def test_zoom_that_bends_the_map_of_its_first_lens(self):
         """By 1.8: the map of the camera file's lens is 17 % off, and tells too little of the zoom."""

@@ -298,12 +298,11 @@ std::string described(const Telling& telling, int end) {
                      besides);
 }
 
-// `frames`: of the whole input, -1: unknown.
-ZoomedStretch zoomed_stretch(const SolveInput& stretch, int first_frame, int frames) {
-  const auto count = static_cast<int>(stretch.names.size());
+// Key frames of the whole input, as far as a stretch tells. `frames`: of all, -1: unknown.
+double keyframes_of_all(const SolveInput& stretch, int frames) {
   const auto keyframes = static_cast<double>(std::ranges::count(stretch.keyframe, 1));
-  return {first_frame, first_frame + count - 1,
-          frames < 0 ? INFINITY : keyframes * std::max(1.0, double(frames) / count)};
+  const auto count = static_cast<double>(stretch.names.size());
+  return frames < 0 ? INFINITY : keyframes * std::max(1.0, frames / count);
 }
 
 // Lenses that such tracks told, of the images as they are.
@@ -340,8 +339,11 @@ Result<Telling> ask_footage(const TrackSettings& settings, TrackReader& reader,
     if (callbacks.stopped()) break;
     // A stretch that tells no lens may look so for want of what tells it.
     if (telling.zooms || telling.lens || telling.turned) *zoom = {};
-    if (telling.zooms) *zoom = zoomed_stretch(*stretch, begin, reader.source().frame_count());
-    begin += static_cast<int>(stretch->names.size());
+    const int end = begin + static_cast<int>(stretch->names.size());
+    if (telling.zooms) zoom->first_frame = begin, zoom->last_frame = end - 1;
+    if (telling.zooms || (telling.reconstructed && zoom->keyframes == 0))
+      zoom->keyframes = keyframes_of_all(*stretch, reader.source().frame_count());
+    begin = end;
     reconstructed += telling.reconstructed;
     tell(callbacks.event, Event::Level::kInfo, described(telling, begin));
     std::optional<FoundLens> vague = is_surer(telling.vague, best.vague) ? telling.vague : best.vague;
@@ -500,7 +502,7 @@ std::optional<FoundLens> own_lens(const TrackSettings& settings, Input input, bo
   if (!reader) return std::nullopt;
   ZoomedStretch zoom;
   Result<Telling> asked = ask_footage(settings, **reader, callbacks, &zoom);
-  if (!asked || zoom.last_frame >= 0 || callbacks.stopped()) return std::nullopt;
+  if (!asked || zoom.is_seen() || callbacks.stopped()) return std::nullopt;
   if (!asked->lens && is_alone)
     return lens_by_tracking(settings, (*reader)->source(), asked->vague, callbacks);
   return asked->lens;

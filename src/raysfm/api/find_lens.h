@@ -44,7 +44,10 @@ Result<void> check_fov(const TrackSettings& settings);
 // What find_lens() hears of a zoom.
 struct ZoomedStretch {
   int first_frame = -1, last_frame = -1;  // of the stretch that shows it; -1: none does
-  double keyframes = 0;                   // of all that is there, as far as the stretch tells
+  // Of all that is there, as far as that stretch tells, or any that could be reconstructed; 0: none could.
+  double keyframes = 0;
+
+  bool is_seen() const { return last_frame >= 0; }
 };
 
 // The lens of a video without a camera file: from the first stretch of the footage that tells it well, else

@@ -84,6 +84,9 @@ std::string effective_config(TrackSettings settings, const std::string& version)
 // What the settings say to a tracker that somebody else feeds. Errors: bad input, a name that is not known.
 Result<OdometryOptions> odometry_options(const TrackSettings& settings);
 
+// Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
+inline constexpr double kUsualReadout = 0.02;
+
 // What TrackSettings::rolling_shutter says to a tracker that somebody else feeds: the readouts of the cameras
 // of `rig`, and with "auto", where none of them has one, in `prior` that there may be one to be found.
 // Errors: bad input.

@@ -12,9 +12,6 @@
 namespace raysfm {
 namespace {
 
-// Standard deviation of a readout that nobody told, seconds: phones take 10 to 33 milliseconds.
-constexpr double kUsualReadout = 0.02;
-
 // Everything as in LBA09, as far as it can be chosen: what the paper does not have is left out.
 void follow_paper(TrackSettings* settings) {
   settings->refine_lens = settings->loops = "off";

@@ -83,22 +83,27 @@ Result<Sources> sources_of_found_lens(const TrackSettings& settings, Input input
   const bool may_be_solved = input.layout != "device" && input.streams[0]->pixel_aspect() == 1;
   ZoomedStretch stretch;
   Result<FoundLens> lens = find_lens(settings, std::move(input), callbacks, &stretch);
-  const bool seen = stretch.last_frame >= 0;
   // Where there is a lens, the map of it tells more, in a fraction of the time: of a shutter, too.
-  const bool zooms =
-      seen && !lens && may_be_solved && can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
+  // A video that zooms has no lens, whether a stretch looks like a zoom or not.
+  const bool is_asked = !lens && stretch.keyframes > 0 && may_be_solved &&
+                        can_be_solved(settings, stretch.keyframes) && !callbacks.stopped();
   std::optional<TrackResult> solved;
-  if (zooms) {
-    tell(callbacks.event, Event::Level::kInfo,
-         fmt::format("frames {} to {} look as if the camera zoomed: a lens is looked for for each image",
-                     stretch.first_frame, stretch.last_frame));
+  if (is_asked) {
+    tell(
+        callbacks.event, Event::Level::kInfo,
+        stretch.is_seen()
+            ? fmt::format("frames {} to {} look as if the camera zoomed: a lens is looked for for each image",
+                          stretch.first_frame, stretch.last_frame)
+            : "there may be no one lens: one is looked for for each image");
     solved = solved_zoom(settings, callbacks);
-    if (solved && !is_clear_zoom(*solved)) solved.reset();
+    const bool is_believed =
+        solved && is_clear_zoom(*solved) && (stretch.is_seen() || solved->report.lens->zoom_undone);
+    if (!is_believed) solved.reset();
   }
   if (!lens && !solved) return lens.error();
   Result<Sources> sources = lens ? sources_with_lens(settings, *lens) : Sources();
   if (!sources) return sources;
-  if (seen && !solved) sources->zoom.warning = zoom_warning(stretch);
+  if (stretch.is_seen() && !solved) sources->zoom.warning = zoom_warning(stretch);
   sources->zoom.may_be = lens && wide_lens_warning(lens->camera()).empty();
   sources->zoom.may_be_solved = may_be_solved;
   sources->zoom.solved = std::move(solved);

@@ -37,6 +37,9 @@ struct CommonLens {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  // beside the middle of the image, in focal lengths
   double aspect = 1;                                 // fy / fx
   RadialDistortion radial = {};
+  // As if the canvas had its readout in every frame: so it is where a camera enlarges a part of its picture
+  // itself, whose rows take less time in all.
+  RollingShutter shutter = {};
 };
 
 // None of other models.
@@ -46,10 +49,11 @@ std::optional<CommonLens> common_lens(const Camera& camera) {
   return CommonLens{
       {(lens->cx - 0.5 * (camera.width - 1)) / lens->fx, (lens->cy - 0.5 * (camera.height - 1)) / lens->fx},
       lens->fy / lens->fx,
-      radial_distortion_of(camera)};
+      radial_distortion_of(camera),
+      camera.shutter};
 }
 
-// As it was given: what a map of one lens refines through a zoom is bent by that.
+// As it was given, but for its shutter: what a map of one lens refines through a zoom is bent by that.
 std::optional<CommonLens> given_lens(const Reconstruction& tracked) {
   const Camera& refined = tracked.rig.cameras[0];
   std::optional<Lens> lens = lens_of(refined);
@@ -68,6 +72,7 @@ std::optional<CommonLens> given_lens(const Reconstruction& tracked) {
   Camera given = frame_lens(*lens, radial).camera;
   given.width = refined.width;
   given.height = refined.height;
+  given.shutter = refined.shutter;
   return common_lens(given);
 }
 
@@ -80,6 +85,8 @@ FoundLens lens_on_canvas(const UndoneZoom& zoom, const CommonLens& common) {
   camera.name = "camera";
   camera.width = zoom.width;
   camera.height = zoom.height;
+  camera.shutter = common.shutter;
+  if (camera.shutter.readout > 0) found.prior.readout = kUsualReadout;
   found.prior.focal = kFocalPrior;
   found.origin = {.source = "footage", .focal = zoom.focal, .focal_sigma = kFocalPrior};
   found.told_apart = true;
